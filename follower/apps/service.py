@@ -6,17 +6,19 @@ import os
 import pwd
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from follower.links.connections import check_connection
-from follower.settings.settings import configs_folder, load_settings
+from follower.settings.settings import Settings, configs_folder, load_settings
 from follower.ui.terminal.cli_options import Camera, Connect
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
-from follower_vision.models import default_folder
+from follower_vision.models import ModelStore, default_folder
+from follower_vision.onnx_network import ModelError
 
 service_app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 _UNIT, _ENVIRONMENT = Path("etc/systemd/system/follower.service"), Path("etc/follower/follower.env")
@@ -54,13 +56,16 @@ def install(
     from follower.apps.video_input import VideoInput
 
     name = user or os.environ.get("SUDO_USER") or pwd.getpwuid(os.getuid()).pw_name
+    models = _models_folder(name)
     files = {
-        _UNIT: _unit(name, config),
+        _UNIT: _unit(name, config, models),
         _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera or ''}\nSELECT={select}\n",
         _RULES: _rules(connect),
     }
     # Or the service would fail every five seconds.
-    VideoInput.camera(camera, load_settings(config).camera)
+    settings = load_settings(config)
+    VideoInput.camera(camera, settings.camera)
+    _check_selection(select, settings, models)
     check_connection(connect)
     files = {root / path: text for path, text in files.items() if text}
     if dry_run:
@@ -86,18 +91,43 @@ def _write(path: Path, text: str, mode: int) -> Path:
         os.umask(before)
 
 
-def _unit(user: str, config: Path) -> str:
-    """Return the unit that comes along, for a user, this environment and a settings file.
+def _models_folder(user: str) -> Path:
+    """Return where a user's networks are.
 
     Raises:
-        SettingsError: there is no such user or file, or a path that systemd would read otherwise.
+        SettingsError: there is no such user.
     """
     try:
         home = pwd.getpwnam(user).pw_dir
     except KeyError:
         raise SettingsError(f"--user {user}: there is no such user") from None
+    return default_folder({"XDG_CACHE_HOME": f"{home}/.cache", **os.environ})
+
+
+def _check_selection(select: str, settings: Settings, models: Path) -> None:
+    """Refuse what is no selection; a class that is none, where the detector's network is there.
+
+    Raises:
+        SettingsError: it can select nothing.
+        PluginError: another package's detector cannot be used.
+    """
+    from follower.apps.command_settings import usual_detector
+    from follower.flight.target.selectors import Wanted
+    from follower_vision.detection import make_detector
+
+    names = None
+    with suppress(ModelError):  # it may be fetched later
+        names = make_detector(settings.detector or usual_detector(), ModelStore(models)).class_names
+    Wanted.parse(select, names)
+
+
+def _unit(user: str, config: Path, models: Path) -> str:
+    """Return the unit that comes along, for a user, this environment and a settings file.
+
+    Raises:
+        SettingsError: there is no such file, or a path that systemd would read otherwise.
+    """
     program, settings = Path(sys.executable).parent / "follower", config.resolve()
-    models = default_folder({"XDG_CACHE_HOME": f"{home}/.cache", **os.environ})
     for path in (program, settings):
         if not path.is_file():
             raise SettingsError(f"{path}: there is no such file")

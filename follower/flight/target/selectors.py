@@ -151,8 +151,12 @@ class Wanted:
     number: int | None
 
     @classmethod
-    def parse(cls, text: str, class_names: Sequence[str]) -> Wanted:
+    def parse(cls, text: str, class_names: Sequence[str] | None) -> Wanted:
         """Read "person", "person:2" or "2".
+
+        Args:
+            text: as written.
+            class_names: the detector's; None, where they are not known yet, takes any class.
 
         Raises:
             SettingsError: it is none of these, or the detector does not know the class.
@@ -163,10 +167,11 @@ class Wanted:
         empty = not name and not number
         if empty or ((separator or number) and not (number.isdecimal() and int(number) > 0)):
             raise SettingsError(f"--select {text}: write a class, person:2, or 2; the first is 1")
-        known = {one.lower(): one for one in class_names}
+        names = [name] if class_names is None else class_names
+        known = {one.lower(): one for one in names}
         if name and name not in known:
-            raise SettingsError(f"--select {text}: {_advice(name, class_names)}")
-        return cls(text, known.get(name), int(number) if number else None)
+            raise SettingsError(f"--select {text}: {_advice(name, names)}")
+        return cls(text, known[name] if name else None, int(number) if number else None)
 
     def matches(self, candidates: Sequence[NumberedObject]) -> list[NumberedObject]:
         """Return the candidates of the class, in their order."""

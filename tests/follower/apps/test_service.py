@@ -128,6 +128,9 @@ def test_a_link_over_the_network_needs_no_rule(install: Install, tmp_path: Path)
         (("--camera", ""), "which source? give a camera (0)"),
         (("-c", "mistyped.yaml"), "did you mean 'distance_m'"),
         (("--connect", "udpin:here"), "'udpin:here' is no connection"),
+        (("--select", ""), "write a class, person:2, or 2"),
+        (("--select", "person:0"), "write a class, person:2, or 2"),
+        (("-c", "embedded.yaml", "--select", "persn"), "did you mean 'person'?"),
     ],
 )
 def test_what_cannot_be_used_is_told_in_one_line(
@@ -135,6 +138,7 @@ def test_what_cannot_be_used_is_told_in_one_line(
 ) -> None:
     (tmp_path / "with space.yaml").touch()
     (tmp_path / "mistyped.yaml").write_text("servo: {distanc_m: 9}\n", "utf-8")
+    (tmp_path / "embedded.yaml").write_text("detector: embedded\n", "utf-8")
     ended = install(*arguments)
     assert ended.code == 2
     assert said in ended.err
