@@ -94,6 +94,7 @@ def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
             "wind: {mean_m_s: 1.0e+200}\nstart:",
             "wind.mean_m_s: Input should be less than",
         ),
+        ("start:", "camera: {latency_s: 2.5}\nstart:", "camera.latency_s: Input should be"),
     ],
 )
 def test_mistakes_are_named_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -328,9 +328,9 @@ class SimCameraSettings(_Section):
     """Loss of brightness in the corners."""
     exposure_drift: Annotated[float, Field(ge=0, le=0.5)] = 0.06
     """Amplitude of slow brightness changes, as a share."""
-    latency_s: NotNegative = 0.05
-    """From the middle of the exposure to the frame's arrival."""
-    latency_jitter_s: NotNegative = 0.004
+    latency_s: Annotated[float, Field(ge=0, le=1)] = 0.05
+    """From the middle of the exposure to the frame's arrival; the truth is kept for 2 s."""
+    latency_jitter_s: Annotated[float, Field(ge=0, le=0.1)] = 0.004
     """Standard deviation of a normal error whose size is added to that."""
     jitter_s: NotNegative = 0.001
     """Standard deviation of the capture time about its schedule."""
