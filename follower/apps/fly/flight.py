@@ -209,11 +209,17 @@ class RealFlight:
 
     @property
     def finished(self) -> bool:
-        """Whether the vehicle was released, and stands still, is the pilot's or had its time."""
+        """Whether the vehicle was released, and stands still, is the pilot's or had its time.
+
+        A control loop that hangs releases nobody: it is given the same time.
+        """
         supervisor, vehicle = self.stage.supervisor, self._link.state
-        if not self._ending or supervisor.state is not SupervisorState.RELEASED:
+        if not self._ending:
             return False
         now_s = self._clock.now()
+        if supervisor.state is not SupervisorState.RELEASED:
+            stepped_s = self.log.controls[-1].time_s if self.log.controls else self._start_s
+            return now_s - stepped_s > _LONGEST_STOP_S
         waited_s = supervisor.in_state_s(now_s)
         if not (vehicle.obeys_setpoints and vehicle.armed):
             return waited_s > _FAREWELL_S

@@ -1,5 +1,6 @@
 """The link and the control stage together: what the control thread does fifty times a second."""
 
+import math
 from collections.abc import Callable
 
 from follower.flight.control.stage import ControlStage
@@ -7,6 +8,7 @@ from follower.flight.log import ControlRecord, FlightLog, TrackRecord
 from follower.flight.supervision.autonomy import Autonomy
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.release import Release
+from follower.flight.supervision.setpoint_stream import NEEDS_STREAM
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.link import Link
 from follower.links.operator_commands import CONSENT_COMMAND, OperatorCommand
@@ -52,6 +54,7 @@ class ControlLoop:
         self._clock = clock
         self._release = Release(stage.settings.release)
         self._before = SupervisorState.IDLE
+        self._stepped_s = math.inf
         self._streams = False
         self.rests = True
         link.watch_health()
@@ -89,18 +92,24 @@ class ControlLoop:
     def hold(self) -> bool:
         """Send one hold: the last word of a program that ends while the vehicle is in its hands.
 
-        It is not once it was handed back, although the autopilot may still be in the same mode.
+        It is not once it was handed back, although the autopilot may still be in the same mode, nor
+        once control has stood still for so long that PX4 may be in its failsafe.
 
         Returns:
             Whether it was sent.
         """
-        held = self._before.engaged or (self._streams and self._link.state.obeys_setpoints)
+        vehicle = self._link.state
+        held = self._before.engaged or (self._streams and vehicle.obeys_setpoints)
+        held = held and not (
+            vehicle.mode == NEEDS_STREAM and self._stood_still_since(self._stepped_s)
+        )
         if held:
             self._link.send(HOLD)
         return held
 
     def _send(self, record: ControlRecord) -> None:
         before, self._before, self._streams = self._before, record.state, record.sent
+        self._stepped_s = record.time_s
         self.rests = not record.state.engaged and (not record.sent or record.allowed == HOLD)
         released = record.state is SupervisorState.RELEASED
         if self._stood_still_since(record.time_s):

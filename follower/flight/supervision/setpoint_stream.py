@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from follower.flight.supervision.supervisor import SupervisorState
 from follower_control.vehicle.state import ENTRY_S, Attitude, VehicleState
 
-_NEEDS_STREAM = "OFFBOARD"
+NEEDS_STREAM = "OFFBOARD"
+"""The mode into which a stream of setpoints calls PX4 back out of its failsafe."""
+
 _LATE_S = 0.25
 """An attitude that came later than that had to wait, and what came with it as well."""
 _CAUGHT_UP_S = 2.0
@@ -52,7 +54,7 @@ class SetpointStream:
         first heartbeat after that decides.
         """
         heard_s = -math.inf if vehicle.heartbeat_s is None else vehicle.heartbeat_s
-        return vehicle.mode == _NEEDS_STREAM and heard_s <= self._stood_still_s
+        return vehicle.mode == NEEDS_STREAM and heard_s <= self._stood_still_s
 
     def step(
         self,
@@ -99,6 +101,6 @@ class SetpointStream:
         if self.may_call_back(vehicle):
             return False
         had_ours = state is SupervisorState.RELEASED or now_s - self._streamed_s < ENTRY_S
-        needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours
+        needs_ours = vehicle.mode == NEEDS_STREAM and had_ours
         is_ours = self.sent and vehicle.entries == self._entries
         return state.streams or (vehicle.obeys_setpoints and (is_ours or needs_ours))

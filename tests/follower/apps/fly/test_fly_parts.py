@@ -301,6 +301,25 @@ def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+def made_flight(settings: Settings, clock: SimulatedClock) -> RealFlight:
+    link, tracker = MavlinkLink(MemoryTransport.pair()[0]), FusionTracker(CorrelationTracker())
+    source = SteadySource(DeadCamera("none"), (64, 48))
+    return RealFlight(settings, source, (64, 48), link, tracker, clock, FlightLog())
+
+
+def test_a_flight_whose_control_hangs_ends_six_seconds_after_its_last_step() -> None:
+    clock = SimulatedClock()
+    flight = made_flight(Settings(), clock)
+    clock.sleep_until(7.0)
+    assert not flight.finished
+    flight._control.step(7.0)
+    flight.stop()
+    clock.sleep_until(12.9)
+    assert not flight.finished
+    clock.sleep_until(13.1)
+    assert flight.finished
+
+
 @pytest.mark.parametrize(
     ("phase", "taken"),
     [
@@ -315,11 +334,7 @@ def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
 def test_with_full_autonomy_a_target_waits_for_the_take_off_and_for_nothing_else(
     phase: AutonomyPhase, taken: bool
 ) -> None:
-    settings = Settings(autonomy="full")
-    link, clock = MavlinkLink(MemoryTransport.pair()[0]), SimulatedClock()
-    source = SteadySource(DeadCamera("none"), (64, 48))
-    tracker = FusionTracker(CorrelationTracker())
-    flight = RealFlight(settings, source, (64, 48), link, tracker, clock, FlightLog())
+    flight = made_flight(Settings(autonomy="full"), SimulatedClock())
     assert flight._autonomy is not None
     flight._autonomy.phase = phase
     flight.select(lambda _: Box(32, 24, 20, 20))

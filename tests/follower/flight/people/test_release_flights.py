@@ -108,6 +108,19 @@ def test_a_program_that_ends_while_it_holds_says_so_once_more(rig_of: Any) -> No
     assert len(rig.wire.setpoints(0.0)) == before + 1
 
 
+@flavours
+def test_the_last_hold_of_a_loop_that_stood_still_calls_nobody_back(
+    rig_of: Any, flavour: str
+) -> None:
+    """PX4 may fly home by now, and a setpoint would have it in OFFBOARD again."""
+    rig = rig_of(flavour)
+    rig.follow()
+    rig.fly(1.5, stalled=True)
+    quiet_s = rig.now_s - 0.1
+    assert rig.loop.hold() is (flavour == "ardupilot")
+    assert len(rig.wire.setpoints(quiet_s)) == (flavour == "ardupilot")
+
+
 @pytest.mark.slow
 def test_handed_back_px4_does_what_its_parameter_says(rig_of: Any) -> None:
     rig = rig_of("px4", "release.action=hand_back")
