@@ -193,11 +193,18 @@ def test_gains_of_zero_are_a_beginning_like_any_other() -> None:
     assert found.gains.kp > 0.1
 
 
-def test_an_envelope_that_allows_little_keeps_the_gains_low() -> None:
-    tight = replace(FOLLOWER, envelope=EnvelopeSettings(max_yaw_rate_deg_s=5.0))
+@pytest.mark.parametrize(
+    "tight",
+    [
+        replace(FOLLOWER, envelope=EnvelopeSettings(max_yaw_rate_deg_s=5.0)),
+        replace(FOLLOWER, servo=ServoSettings(max_yaw_rate_deg_s=5.0)),
+    ],
+    ids=["envelope", "servo"],
+)
+def test_limits_that_allow_little_keep_the_gains_low(tight: LoopSettings) -> None:
     found = tune(Axis.AZIMUTH, VEHICLE, tight, HERE, TuningGoal())
     assert math.degrees(0.15 * found.gains.kp) <= 5.0
-    assert "envelope" in found.because
+    assert "allow" in found.because
 
 
 def test_what_is_no_model_or_wish_is_refused() -> None:

@@ -181,21 +181,27 @@ class _Search:
         elif loop.jitter() > self._most_jitter:
             because = f"the setpoints shake {goal.jitter_factor:g} times as much as now"
         elif self._demand(loop, gains, bandwidth) > 1.0:
-            because = "a usual error asks for all that the envelope allows"
+            because = "a usual error asks for all that servo and envelope allow"
         return _Candidate(gains, bandwidth, sensitivity, because)
 
     def _demand(self, loop: AxisLoop, gains: PidSettings, bandwidth_rad_s: float) -> float:
-        """Return what a usual error asks for, over what the envelope allows."""
-        envelope = self._follower.envelope
+        """Return what a usual error asks for, over what servo and envelope allow."""
+        envelope, servo = self._follower.envelope, self._follower.servo
         error = _USUAL_ERROR[self._axis]
         asked = loop.motion_scale * gains.kp * error
         fastest, hardest = {
-            Axis.AZIMUTH: (envelope.max_yaw_rate_deg_s, envelope.max_yaw_acceleration_deg_s2),
+            Axis.AZIMUTH: (
+                min(envelope.max_yaw_rate_deg_s, servo.max_yaw_rate_deg_s),
+                envelope.max_yaw_acceleration_deg_s2,
+            ),
             Axis.ELEVATION: (
-                min(envelope.max_climb_m_s, envelope.max_descent_m_s),
+                min(envelope.max_climb_m_s, envelope.max_descent_m_s, servo.max_vertical_m_s),
                 envelope.max_acceleration_m_s2,
             ),
-            Axis.RANGE: (envelope.max_speed_m_s, envelope.max_acceleration_m_s2),
+            Axis.RANGE: (
+                min(envelope.max_speed_m_s, servo.max_forward_m_s),
+                envelope.max_acceleration_m_s2,
+            ),
         }[self._axis]
         asked = math.degrees(asked) if self._axis is Axis.AZIMUTH else asked
         return max(asked / fastest, asked * bandwidth_rad_s / hardest)
