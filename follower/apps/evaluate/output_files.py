@@ -38,6 +38,8 @@ TOOLKITS_HEAD = (
     "GOT-10k AO", "GOT-10k SR 0.5", "VOT accuracy",
 )  # fmt: skip
 NEVER = "never"
+_LEAST_P = 0.001
+"""A smaller p is shown as below this."""
 _SHORT = ("AUC", "S@0.5", "P@20", "NP", "fps", "CPU ms")
 _SHORT_STATES = (
     "TRACKING at IoU 0", "while absent", "doubted",
@@ -75,8 +77,12 @@ def difference_texts(one: Difference) -> list[str]:
     paired = one.paired
     return [
         *(one.tracker, one.reference, one.kind, _NAMES[one.figure]),
-        *(f"{paired.mean:+.3f}", interval_text(paired.low, paired.high, "+"), f"{paired.p:.3f}"),
+        *(f"{paired.mean:+.3f}", interval_text(paired.low, paired.high, "+"), _p_text(paired.p)),
     ]
+
+
+def _p_text(p: float) -> str:
+    return f"{p:.3f}" if p >= _LEAST_P else f"< {_LEAST_P}"
 
 
 def toolkit_texts(row: ToolkitRow) -> list[str]:

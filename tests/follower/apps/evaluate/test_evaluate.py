@@ -23,9 +23,11 @@ from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
 from follower.apps.evaluate.contender import Contender, EvaluationResult, RunStart
+from follower.apps.evaluate.output_files import difference_texts
 from follower.apps.evaluate.run import EvaluationPlan, evaluate
-from follower.apps.evaluate.scores import rows, scored
+from follower.apps.evaluate.scores import Difference, rows, scored
 from follower_control.common.strict_config import SettingsError
+from follower_vision.evaluation.intervals import PairedDifference
 from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.track import TrackState
@@ -244,6 +246,15 @@ def test_means_have_intervals_and_trackers_are_compared_in_pairs(
     for shown in ("<h2>Differences</h2>", "95 % bootstrap intervals", f"{one['mean']:+.3f}"):
         assert shown in page
     assert f"{one['p']:.3f}" in console.export_text()
+
+
+@pytest.mark.parametrize(
+    ("p", "shown"),
+    [(0.0, "< 0.001"), (0.0009, "< 0.001"), (0.001, "0.001"), (0.04, "0.040"), (1.0, "1.000")],
+)
+def test_a_small_p_is_no_zero(p: float, shown: str) -> None:
+    one = Difference("a", "b", "ope", "auc", 9, PairedDifference(0.1, 0.05, 0.15, p))
+    assert difference_texts(one)[-1] == shown
 
 
 def test_a_single_sequence_has_no_interval_and_no_test(data: Path, tmp_path: Path) -> None:
