@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from rich.markup import escape
 from rich.table import Table
 
 from follower.apps.bench.result import BenchResult, BenchRow
@@ -61,9 +62,9 @@ def terminal_table(head: Texts, rows: Iterable[Texts], left: int = 1) -> Table:
     """Return the same for the terminal; the first `left` columns are words."""
     table = Table(show_edge=False, pad_edge=False)
     for number, heading in enumerate(head):
-        table.add_column(heading, justify="left" if number < left else "right")
+        table.add_column(escape(heading), justify="left" if number < left else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     return table
 
 

@@ -147,7 +147,7 @@ def _table(head: Sequence[str], lines: Iterable[tuple[ResultRow, Sequence[str]]]
     for number, name in enumerate((*HEAD[:2], *head)):
         table.add_column(name, justify="left" if number < 2 else "right", no_wrap=number < 2)
     for row, cells in lines:
-        table.add_row(row.tracker, row.kind, *cells)
+        table.add_row(escape(row.tracker), row.kind, *cells)
     return table
 
 

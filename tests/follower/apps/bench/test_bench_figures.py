@@ -12,6 +12,7 @@ import yaml
 from program import python
 from rich.console import Console
 
+from follower.apps.bench import report
 from follower.apps.bench.advice import advise
 from follower.apps.bench.last import last_bench, more_than_held
 from follower.apps.bench.report import board_rows, compared_rows, draw_board
@@ -231,6 +232,29 @@ def test_boards_stand_side_by_side_and_what_one_lacks_is_a_dash(
     picture = cv2.imread(str(tmp_path / "out" / "compared.png"))
     assert picture.shape[1] > 800
     assert picture.std() > 5
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [(("[/a]", "Pi [fan]"), ("[/a]", "Pi [fan]"))],
+)
+def test_each_board_is_shown_by_a_name_of_its_own(
+    row: MakeRow,
+    result: MakeResult,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    names: tuple[str, str],
+    shown: tuple[str, str],
+) -> None:
+    files, drawn = [tmp_path / "a.json", tmp_path / "b.json"], []
+    for file, name in zip(files, names, strict=True):
+        file.write_text(result(row(*FUSED, 640, 80.0), name=name).to_json())
+    monkeypatch.setattr(report, "_plot", lambda _axes, panel, _names: drawn.extend(panel.series))
+    console = Console(file=StringIO(), width=200)
+    assert compare(files, tmp_path, console) == 0
+    head = console.file.getvalue().splitlines()[0]  # type: ignore[attr-defined]
+    assert [name for name in shown if name in head] == list(shown)
+    assert drawn == list(shown)
 
 
 def test_the_picture_of_one_board_is_drawn(

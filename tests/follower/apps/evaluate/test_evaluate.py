@@ -402,6 +402,14 @@ def test_another_programs_boxes_are_found(data: Path, tmp_path: Path, file: str)
     assert (row["tracker"], row["success@0.5"], row["fps"]) == ("oracle", "1.0", "")
 
 
+def test_a_name_with_brackets_is_shown_as_it_is(data: Path, tmp_path: Path) -> None:
+    console = Console(record=True, width=160, file=StringIO())
+    (tmp_path / "patch.txt").write_text((data / "patch" / "groundtruth.txt").read_text())
+    plan = EvaluationPlan((data,), (), boxes=(f"[/v2]={tmp_path}",), out=tmp_path / "r")
+    assert evaluate(plan, console) == 0
+    assert "[/v2]" in console.export_text()
+
+
 @pytest.mark.slow
 def test_two_processes_measure_what_one_does(data: Path, tmp_path: Path) -> None:
     names = copies(data, 3)
