@@ -3,6 +3,7 @@
 import os
 import resource
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -309,7 +310,7 @@ def compare(files: Sequence[Path], out: Path, console: Console | None = None) ->
     """
     if len(files) < 2:
         raise SettingsError("--compare: give two or more files, e.g. --compare a.json b.json")
-    results = [read_bench(file) for file in files]
+    results = _told_apart([read_bench(file) for file in files])
     console = console or Console()
     console.print(terminal_table(*compared_rows(results), left=2))
     for result in results:
@@ -318,3 +319,15 @@ def compare(files: Sequence[Path], out: Path, console: Console | None = None) ->
     out.mkdir(parents=True, exist_ok=True)
     print_line(console, f"  {draw_compared(results, out / 'compared.png')}")
     return _SUCCESS
+
+
+def _told_apart(results: Sequence[BenchResult]) -> list[BenchResult]:
+    """Number the boards of the same name, as by default those of the same processor are."""
+    seen: Counter[str] = Counter()
+    named = []
+    for result in results:
+        seen[result.name] += 1
+        number = seen[result.name]
+        again = {"name": f"{result.name} ({number})"} if number > 1 else {}
+        named.append(result.model_copy(update=again))
+    return named

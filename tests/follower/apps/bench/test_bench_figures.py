@@ -236,7 +236,7 @@ def test_boards_stand_side_by_side_and_what_one_lacks_is_a_dash(
 
 @pytest.mark.parametrize(
     ("names", "shown"),
-    [(("[/a]", "Pi [fan]"), ("[/a]", "Pi [fan]"))],
+    [(("board", "board"), ("board", "board (2)")), (("[/a]", "Pi [fan]"), ("[/a]", "Pi [fan]"))],
 )
 def test_each_board_is_shown_by_a_name_of_its_own(
     row: MakeRow,
