@@ -130,6 +130,49 @@ def test_who_withdraws_consent_does_not_give_it_because_it_let_go_just_then(
     assert asked(served, "consent")[-1]["given"]
 
 
+def press(page: Page, key: str, times: int) -> None:
+    for _ in range(times):
+        page.keyboard.press(key)
+
+
+def test_a_target_is_chosen_by_keyboard_where_it_is_aimed_at(page: Page, served: Any) -> None:
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "glass"
+    press(page, "ArrowRight", 10)
+    press(page, "ArrowUp", 5)
+    with one_more(served, "select_point"):
+        page.keyboard.press("Enter")
+    point = asked(served, "select_point")[-1]
+    assert (point["x"], point["y"]) == (pytest.approx(0.6), pytest.approx(0.45))
+    press(page, "Shift+ArrowLeft", 20)
+    press(page, "Shift+ArrowDown", 30)
+    press(page, "ArrowUp", 1)
+    with one_more(served, "select_box"):
+        page.keyboard.press("Enter")
+    box = asked(served, "select_box")[-1]
+    assert [box[side] for side in ("left", "top", "right", "bottom")] == [
+        pytest.approx(share) for share in (0.4, 0.44, 0.6, 0.74)
+    ]
+    with one_more(served, "stop"):
+        page.keyboard.press("Space")
+
+
+def test_what_is_aimed_at_stays_in_the_picture(page: Page, served: Any) -> None:
+    page.focus("#glass")
+    press(page, "ArrowLeft", 60)
+    with one_more(served, "select_point"):
+        page.keyboard.press("Enter")
+    assert 0 <= asked(served, "select_point")[-1]["x"] < 0.02
+
+
+def test_enter_chooses_nothing_where_nothing_is_shown_as_aimed_at(page: Page, served: Any) -> None:
+    with one_more(served, "select_point"):
+        page.click("#glass")
+        with one_more(served, "stop_tracking"):  # what is asked arrives in its order
+            press(page, "Enter", 1)
+            page.click("#drop")
+
+
 def test_nothing_but_letting_go_is_put_into_a_line_that_does_not_move(
     page: Page, served: Any
 ) -> None:
