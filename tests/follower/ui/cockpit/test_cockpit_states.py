@@ -173,6 +173,38 @@ def test_enter_chooses_nothing_where_nothing_is_shown_as_aimed_at(page: Page, se
             page.click("#drop")
 
 
+def test_two_hundred_flights_are_listed_and_the_one_in_focus_stays_so(page: Page) -> None:
+    flights = [
+        {"name": f"f-{number}", "changed_s": 0, "megabytes": 1, "has_video": True}
+        | {"has_report": True}
+        for number in range(200)
+    ]
+    page.route("**/api/flights", lambda route: route.fulfill(json=flights))
+    page.evaluate("listFlights()")
+    assert page.locator("#flights li").count() == 200
+    assert page.evaluate("document.documentElement.scrollHeight") < 3000
+    page.get_by_role("link", name="report of f-150", exact=True).focus()
+    scrolled = page.evaluate("$('flights').scrollTop")
+    flights.insert(0, {**flights[0], "name": "newest"})
+    page.evaluate("listFlights()")
+    assert page.locator("#flights li").count() == 201
+    assert page.evaluate("document.activeElement.ariaLabel") == "report of f-150"
+    assert page.evaluate("$('flights').scrollTop") == scrolled > 0
+
+
+def test_a_new_state_is_read_aloud_and_the_same_one_is_not_again(page: Page, feed: Feed) -> None:
+    page.evaluate(
+        """() => { window.said = []; new MutationObserver(() => said.push($("state").textContent))
+            .observe($("state"), { childList: true, characterData: true, subtree: true }); }"""
+    )
+    heard = page.evaluate("state.time_s")
+    until(lambda: page.evaluate("state.time_s") > heard + 0.5)
+    feed.moment = RELEASED
+    page.wait_for_selector("#state[data-state=released]")
+    assert page.evaluate("said") == ["RELEASED"]
+    assert page.get_attribute("#state", "role") == "status"
+
+
 def test_nothing_but_letting_go_is_put_into_a_line_that_does_not_move(
     page: Page, served: Any
 ) -> None:
