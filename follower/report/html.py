@@ -15,6 +15,8 @@ class Html:
 
 
 Cell = str | Html
+_WIDE = 6
+"""Tables of so many columns are too wide for a phone."""
 
 
 def text_of(cell: Cell) -> str:
@@ -41,12 +43,19 @@ def figure(svg: str, caption: str, kind: str = "") -> str:
 
 
 def table(head: Sequence[Cell], rows: Iterable[Sequence[Cell]], numbers: Sequence[int] = ()) -> str:
-    """Return a table, "" without rows; the columns in `numbers` are aligned to the right."""
-    body = "\n".join(f"<tr>{_cells('td', row, numbers)}</tr>" for row in rows)
+    """Return a table, "" without rows; the columns in `numbers` are aligned to the right.
+
+    On a narrow screen a row of many columns is a list, in which each cell has its heading.
+    """
+    wide = len(head) >= _WIDE and all(isinstance(cell, str) for cell in head)
+    named = [text_of(cell) for cell in head] if wide else []
+    body = "\n".join(f"<tr>{_cells('td', row, numbers, named)}</tr>" for row in rows)
     if not body:
         return ""
+    kind = ' class="wide"' if wide else ""
     return (
-        f'<div class="table"><table>\n<thead><tr>{_cells("th", head, numbers)}</tr></thead>\n'
+        f'<div class="table"><table{kind}>\n'
+        f"<thead><tr>{_cells('th', head, numbers)}</tr></thead>\n"
         f"<tbody>\n{body}\n</tbody></table></div>"
     )
 
@@ -74,10 +83,14 @@ def tiles(pairs: Iterable[tuple[str, str]]) -> str:
     return f'<ul class="tiles">\n{items}\n</ul>' if items else ""
 
 
-def _cells(tag: str, cells: Sequence[Cell], numbers: Sequence[int]) -> str:
+def _cells(
+    tag: str, cells: Sequence[Cell], numbers: Sequence[int], names: Sequence[str] = ()
+) -> str:
+    """Return a row's cells, each with the name of its column where there are names."""
+    kinds = ['class="number"' if column in numbers else "" for column in range(len(cells))]
+    named = [f'data-name="{name}"' for name in names] or [""] * len(cells)
+    attributes = (" ".join(filter(None, both)) for both in zip(kinds, named, strict=True))
     return "".join(
-        f'<{tag} class="number">{text_of(cell)}</{tag}>'
-        if column in numbers
-        else f"<{tag}>{text_of(cell)}</{tag}>"
-        for column, cell in enumerate(cells)
+        f"<{tag} {more}>{text_of(cell)}</{tag}>" if more else f"<{tag}>{text_of(cell)}</{tag}>"
+        for cell, more in zip(cells, attributes, strict=True)
     )

@@ -1,13 +1,15 @@
-"""A synthetic flight: a car in curves, a vehicle behind it that loses it once."""
+"""A synthetic flight: a car in curves, a vehicle behind it that loses it once; and a browser."""
 
 from __future__ import annotations
 
 import math
 import os
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -27,6 +29,9 @@ from follower_sim.scoring.score import PursuitGoal
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 from follower_vision.trackers.track import Track, TrackState
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 SIZE_M = 2.4
 GOAL = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-25))
@@ -249,3 +254,23 @@ def site(tmp_path: Path) -> Iterator[Site]:
     """A folder of installed packages that Python finds."""
     with installed(tmp_path / "site") as site:
         yield site
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Return the browser's path; what needs one is skipped where there is none."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    from playwright.sync_api import sync_playwright  # not in the environment of ROS's tests
+
+    arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        yield browser
+        browser.close()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +21,7 @@ from follower.flight.log import FlightLog, setpoint_delays
 from follower.recording.recorded_flight import arrays
 from follower.report.figures import write_track_plot
 from follower.report.flight_page import write_report, write_score
+from follower.report.html import table
 from follower.report.series import (
     LoggedFlight,
     ReportMeta,
@@ -43,6 +44,9 @@ from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
 from follower_vision.disk import write_whole
 from follower_vision.geometry.line_of_sight import LineOfSight
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 META = ReportMeta(
     title="A car <on> a winding road",
@@ -117,6 +121,25 @@ def page(html: str) -> Page:
 def test_the_page_is_well_formed_and_has_each_section(page: Page) -> None:
     assert page.open == []
     assert tuple(page.headings) == SECTIONS
+
+
+@pytest.mark.slow
+def test_on_a_phone_every_table_is_read_without_scrolling_sideways(
+    browser: Browser, html: str
+) -> None:
+    head = ("tracker", "start", "auc", "success@0.5", "precision@20", "norm. prec.", "fps", "<ms>")
+    row = ("a tracker with a long name", "ope", *6 * ("0.123",))
+    phone = browser.new_page(viewport={"width": 390, "height": 844})
+    phone.set_content(html.replace("</main>", f"{table(head, [row], range(2, 8))}</main>"))
+    wide = phone.eval_on_selector_all(
+        ".table",
+        "all => all.filter(one => one.scrollWidth > one.clientWidth).map(one => one.innerText)",
+    )
+    assert wide == []
+    cell = "getComputedStyle(document.querySelector('.wide td:last-child'), '::before').content"
+    assert phone.evaluate(cell) == '"<ms>"'
+    phone.set_viewport_size({"width": 1280, "height": 844})
+    assert phone.evaluate(cell) == "none"
 
 
 def test_the_page_loads_nothing_from_elsewhere(html: str, page: Page) -> None:
