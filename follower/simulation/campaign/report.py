@@ -58,6 +58,8 @@ def _by_length(rows: Sequence[Row], goals: Goals) -> str:
 def worst_table(summary: CampaignSummary, seen: Mapping[int, str]) -> str:
     """Return the worst runs, each with its command, and its video where there is one."""
     worst = summary.worst[:_MOST_WORST]
+    if not worst:
+        return html.paragraph("No run failed.")
     rows = [_worst_row(row, seen.get(row["number"])) for row in worst]
     head = ("Run", "Missed", "Line of sight", "In frame", "Parameters", "")
     table = html.table(head, rows, (2, 3))

@@ -18,7 +18,7 @@ from follower.settings.settings import load_settings
 from follower.simulation.campaign.config import Goals
 from follower.simulation.campaign.metrics import RunMetrics, _broken_places
 from follower.simulation.campaign.optimise import present
-from follower.simulation.campaign.report import _groups
+from follower.simulation.campaign.report import _groups, worst_table
 from follower.simulation.campaign.run import judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
 from follower.simulation.campaign.summary import cost, reacquired_by_length, summary_of, wilson
@@ -216,6 +216,13 @@ def test_goals_are_pooled_over_the_runs() -> None:
     assert not lines["Line-of-sight error, RMS, outside occlusions"].met
     assert lines["Target in frame, outside occlusions"].met
     assert not summary.reached
+
+
+def test_where_no_run_failed_the_report_says_so() -> None:
+    summary = summary_of(judged([], Goals()), Goals())
+    said = worst_table(summary, {})
+    assert "No run failed." in said
+    assert "details" not in said
 
 
 @pytest.mark.parametrize("state", [SupervisorState.FOLLOWING, SupervisorState.COASTING])
