@@ -39,7 +39,6 @@ from follower_control.tuning.synthesis import TuningGoal
 from follower_sim.scenario.scenario_file import base_settings, load_scenario
 
 TUNED_FILE, REPORT = "tuned.yaml", "tuning.html"
-_USUAL_ELEVATION_DEG = -20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +161,5 @@ def elevation_deg(options: TuneOptions, settings: Settings) -> float:
             raise SettingsError("--elevation lies within ±85 degrees")
         return options.elevation_deg
     wanted = settings.servo.elevation_deg
-    mounted = settings.camera.pitch_deg or _USUAL_ELEVATION_DEG
-    elevation = mounted if wanted is None else wanted
+    elevation = settings.camera.pitch_deg if wanted is None else wanted
     return max(-80.0, min(80.0, elevation))

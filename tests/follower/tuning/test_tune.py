@@ -11,7 +11,7 @@ from follower.settings.settings import configs_folder, load_settings
 from follower.tuning.identify.result import load_vehicle
 from follower.tuning.tune.analysis import analyse, conditions_of, parse_what_ifs
 from follower.tuning.tune.report import nyquist, responses, worth
-from follower.tuning.tune.run import TuneOptions, find_vehicle, tune_follower
+from follower.tuning.tune.run import TuneOptions, elevation_deg, find_vehicle, tune_follower
 from follower_control.common.strict_config import SettingsError
 from follower_control.tuning.axes import Axis
 from follower_control.tuning.axis_loop import Conditions
@@ -183,6 +183,23 @@ def test_the_plots_go_by_the_ms_that_is_wanted_and_say_what_they_leave_out(tmp_p
     (panel,) = nyquist(found[0]).axes
     (disc,) = panel.patches
     assert disc.radius == 1 / 2.0
+
+
+@pytest.mark.parametrize(
+    ("given", "overrides", "expected"),
+    [
+        (None, (), 0.0),
+        (None, ("camera.pitch_deg=-14",), -14.0),
+        (None, ("camera.pitch_deg=-14", "servo.elevation_deg=0"), 0.0),
+        (None, ("camera.pitch_deg=-90",), -80.0),
+        (-30.0, ("servo.elevation_deg=-25",), -30.0),
+    ],
+)
+def test_the_loops_are_analysed_at_the_elevation_at_which_the_target_is_kept(
+    given: float | None, overrides: tuple[str, ...], expected: float
+) -> None:
+    settings = load_settings(None, None, overrides)
+    assert elevation_deg(TuneOptions("px4", elevation_deg=given), settings) == expected
 
 
 def test_on_80_columns_nothing_of_the_tables_is_cut(
