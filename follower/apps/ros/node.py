@@ -331,7 +331,12 @@ class FollowerNode(LifecycleNode):
                 return SetParametersResult(successful=True)
             said = f"{', '.join(late)}: not once configured; clean up first"
             return SetParametersResult(successful=False, reason=said)
-        live = {one.name: one.value for one in parameters if one.name in self._live}
+        holds = flat_settings(self._pursuit.flight.requests.settings)
+        live = {
+            one.name: one.value
+            for one in parameters
+            if one.name in self._live and one.value != holds[one.name]
+        }
         others = [p.name for p in parameters if p.name not in (*self._live, "target")]
         if others:
             said = f"{', '.join(others)}: not while active; deactivate first"
@@ -356,8 +361,18 @@ class FollowerNode(LifecycleNode):
             if not pursuit.flying:
                 problem = problem or "the flight has ended by itself: deactivate, see the log"
             status = pursuit.status
+            self._mirror(pursuit.flight.requests.settings)
             problem = problem or (self._source.problem if self._source else None) or ""
         self._outputs.diagnose(status, problem, self._value("mode"))
+
+    def _mirror(self, settings: Settings) -> None:
+        """Let the parameters be what others, such as a ground station, have changed in flight."""
+        if settings is self._outputs.settings:
+            return
+        self._outputs.settings = settings
+        now = flat_settings(settings)
+        other = [key for key in self._live if self._value(key) != now[key]]
+        self.set_parameters([Parameter(key, value=now[key]) for key in other])
 
     def _close_io(self) -> None:
         if self._io is not None:

@@ -28,7 +28,7 @@ from follower.apps.ros.io_node import SENSOR
 from follower.apps.ros.node import FollowerNode, NodeOptions
 from follower.apps.ros.topic_source import TopicSource
 from follower.flight.status import LiveStatus
-from follower.settings.settings import Settings
+from follower.settings.settings import Settings, load_settings
 from follower_control.servo.position_fix import TargetPosition
 
 pytestmark = [
@@ -102,6 +102,25 @@ def test_a_parameter_cannot_be_deleted(made: Made) -> None:
         assert result.reason == "servo.distance_m: cannot be deleted; set a value, 'null' for none"
     node._pursuit = None
     assert value(node, "servo.distance_m") == 15.0
+
+
+def test_what_another_changes_in_flight_is_a_parameters_value_and_asked_for_once(
+    made: Made,
+) -> None:
+    node, asked = made(), []
+    changed = load_settings(None, None, ("servo.distance_m=9", "servo.target_size_m=1.5"))
+    requests = SimpleNamespace(
+        settings=changed, change_all=lambda values, _by: asked.append(values) or changed
+    )
+    flight = SimpleNamespace(requests=requests)
+    node._pursuit = SimpleNamespace(flying=True, status=LiveStatus(1.0), flight=flight)
+    node._diagnose()
+    assert (value(node, "servo.distance_m"), value(node, "servo.target_size_m")) == (9.0, 1.5)
+    assert node._outputs.settings is changed
+    assert asked == []
+    assert node.set_parameters([Parameter("servo.distance_m", value=12.0)])[0].successful
+    assert asked == [{"servo.distance_m": 12.0}]
+    node._pursuit = None
 
 
 def test_the_time_cannot_become_anothers_once_topics_are_open(made: Made) -> None:
