@@ -11,13 +11,14 @@ From that follows what they would be worth if each had a core to itself.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import command_line
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
 from follower.simulation.campaign.fly import fly_runs
@@ -28,8 +29,8 @@ WANTED = 1.8
 
 def main() -> None:
     """Measure, print, and fail if two workers are not worth it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=24)
+    parser = command_line.parser(__doc__)
+    parser.add_argument("--runs", type=command_line.count, default=24)
     parser.add_argument("--scheduler", help="also through this Dask scheduler")
     options = parser.parse_args()
     specs = planned(load_campaign("standard", vision="truth+noise", runs=options.runs))
@@ -85,4 +86,4 @@ def idle() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -16,7 +16,6 @@ ARDUCOPTER_SITL or PX4_SITL names is flown, as `follower sitl` does, three times
 
 from __future__ import annotations
 
-import argparse
 import math
 import tempfile
 from collections.abc import Callable, Mapping
@@ -26,6 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command_line
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -314,7 +314,7 @@ def _loop_settings(settings: Settings) -> LoopSettings:
 
 def main() -> None:
     """Fly what the command line asks for, and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("flavour", nargs="?", default="px4", choices=("px4", "ardupilot"))
     parser.add_argument("--vision", default="pixels", choices=list(VisionSource))
     parser.add_argument("--axis", action="append", choices=list(Axis))
@@ -342,4 +342,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

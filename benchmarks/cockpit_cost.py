@@ -32,8 +32,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
+import command_line
 import cv2
 import numpy as np
+from rich.progress import track as progress
 
 from follower.flight.control.loop import ControlLoop
 from follower.flight.control.stage import ControlStage
@@ -143,12 +145,15 @@ class _Shown:
 
 def main() -> None:
     """Measure and print."""
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 6
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 15.0
+    parser = command_line.parser(__doc__)
+    parser.add_argument("rounds", nargs="?", type=command_line.count, default=6)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=15.0)
+    options = parser.parse_args()
+    rounds, seconds = options.rounds, options.seconds
     found: dict[str, list[FlightLog]] = {row: [] for row in ROWS}
     seen: dict[str, list[str]] = {row: [] for row in ROWS}
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores at the start")
-    for _ in range(rounds):
+    for _ in progress(range(rounds), "rounds"):
         for row, overrides in ROWS.items():
             log, watched = fly_watched(row, overrides, seconds)
             found[row].append(log)
@@ -226,4 +231,4 @@ def p99_ms(log: FlightLog, what: str) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

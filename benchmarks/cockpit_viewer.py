@@ -9,6 +9,7 @@ computer: on a real flight it runs elsewhere.
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import socket
@@ -113,7 +114,11 @@ def by_page(url: str) -> str:
 
 def main() -> None:
     """Watch until the input ends, then tell."""
-    way, address = sys.argv[1], sys.argv[2]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("way", choices=("mjpeg", "webrtc", "rtsp"))
+    parser.add_argument("address")
+    options = parser.parse_args()
+    way, address = options.way, options.address
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(10)
     counter = Counter()

@@ -9,10 +9,10 @@ how late each control step begins, and how far the time between two steps is fro
 half second is left out.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
+import command_line
 import cv2
 
 from follower.apps.bench.measure import measure
@@ -38,7 +38,9 @@ class FastCamera(BenchCamera):
 
 def main() -> None:
     """Measure and print."""
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
+    parser = command_line.parser(__doc__)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=20.0)
+    seconds: float = parser.parse_args().seconds
     cv2.setNumThreads(1)
     clips = render_clips((SIZE,), 40)
     assert clips is not None
@@ -55,4 +57,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

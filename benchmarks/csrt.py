@@ -16,7 +16,6 @@ numpy's linear algebra has one.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -25,6 +24,8 @@ import sys
 import venv
 from dataclasses import dataclass
 from pathlib import Path
+
+import command_line
 
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
@@ -144,7 +145,7 @@ def compare(sequences: list[Sequence], python: Path, threads: int) -> None:
 
 def main() -> None:
     """Read the command line and compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("sequences", type=Path)
     parser.add_argument("--environment", type=Path, default=_cache())
     parser.add_argument("--threads", type=int, default=1)
@@ -160,4 +161,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

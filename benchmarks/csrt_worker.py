@@ -2,8 +2,6 @@
 
 It stands alone, because CSRT's environment holds OpenCV and numpy only.
 
-Usage: python csrt_worker.py {csrt,correlation} OPENCV_THREADS
-
 A request is {"images": [paths], "box": [x, y, w, h]} on one line of the standard input; the answer
 is one line: {"boxes": [[x, y, w, h] or null, ...], "update_s": [seconds, ...], "processor_s":
 [seconds, ...]}, the first box being the initial one.
@@ -11,6 +9,7 @@ is one line: {"boxes": [[x, y, w, h] or null, ...], "update_s": [seconds, ...], 
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import time
@@ -89,12 +88,15 @@ def _read(path: str) -> Image:
 
 def main() -> None:
     """Answer requests until the input ends."""
-    name, threads = sys.argv[1], int(sys.argv[2])
-    if threads:
-        cv2.setNumThreads(threads)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tracker", choices=TRACKERS)
+    parser.add_argument("threads", type=int, help="of OpenCV; 0: its own choice")
+    options = parser.parse_args()
+    if options.threads:
+        cv2.setNumThreads(options.threads)
     for line in sys.stdin:
         request = json.loads(line)
-        answer = follow(TRACKERS[name], request["images"], request["box"])
+        answer = follow(TRACKERS[options.tracker], request["images"], request["box"])
         print(json.dumps(answer), flush=True)
 
 

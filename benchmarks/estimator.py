@@ -13,11 +13,11 @@ the body's: their difference is in the place's NEES. A flight is inside if its m
 
 from __future__ import annotations
 
-import argparse
 import math
 from contextlib import closing
 from dataclasses import dataclass
 
+import command_line
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -139,14 +139,16 @@ def innovation2(
 
 def main() -> None:
     """Measure, and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("--campaign", default="standard", help="name or file")
     parser.add_argument("--first", type=int, default=0, help="number of the first run")
-    parser.add_argument("--runs", type=int, default=20, help="how many")
+    parser.add_argument("--runs", type=command_line.count, default=20, help="how many")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     options = parser.parse_args()
     campaign = load_campaign(options.campaign).model_copy(update={"vision": "truth+noise"})
     specs = list(planned(campaign))[options.first : options.first + options.runs]
+    if not specs:
+        parser.error(f"{options.campaign} has no run {options.first}")
     with closing(LocalEngine(options.jobs)) as engine:
         flights = [
             one.result for one in progress(engine.run(fly, specs), "flights", total=len(specs))
@@ -187,4 +189,4 @@ def is_inside(flight: Beliefs, number: int, freedom: int) -> bool:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

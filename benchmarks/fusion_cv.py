@@ -25,6 +25,7 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
+import command_line
 import numpy as np
 from multi_start import (
     calibration_error,
@@ -58,6 +59,8 @@ def main() -> None:
     if options.compare:
         _print([(name, _stored(options.out, name)) for name in options.compare])
         return
+    if not options.tracker:
+        raise SystemExit("name a tracker: --tracker nanotrack-v3")
     folders = [one for folder in options.folders for one in sorted(folder.iterdir())]
     unknown = [one.name for one in folders if one.name not in FOLDS]
     if unknown or not folders:
@@ -77,7 +80,7 @@ def main() -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("folders", type=Path, nargs="*", help="folders of sequences")
     parser.add_argument("--tracker", action="append", default=[], help="as in follower evaluate")
     parser.add_argument("--detector", default="yolox-nano", help="for trackers that want one")
@@ -186,4 +189,4 @@ def _file(name: str) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

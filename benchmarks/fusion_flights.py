@@ -11,7 +11,6 @@ than 0.3 is to be seen counts as absent. The first 300 runs are left to measure 
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
 from contextlib import closing
@@ -19,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import command_line
 from rich.progress import track as progress
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
@@ -115,10 +115,10 @@ def fly(spec: RunSpec, out: Path) -> None:
 
 def main() -> None:
     """Fly and write what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("out", type=Path, help="takes a file for each flight")
     parser.add_argument("--first", type=int, default=300, help="number of the first run")
-    parser.add_argument("--count", type=int, default=24, help="how many runs")
+    parser.add_argument("--count", type=command_line.count, default=24, help="how many runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--set", action="append", default=[], help="a setting of the follower")
     options = parser.parse_args()
@@ -132,4 +132,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

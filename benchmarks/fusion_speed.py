@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+import command_line
 import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -180,6 +181,8 @@ def main() -> None:
     cv2.setNumThreads(1)
     threadpool_limits(1, user_api="blas")
     folders = list(_folders(options))
+    if not folders:
+        raise SystemExit(f"no sequence in {options.data / 'sequences'} is called {options.only}")
     for cores in (int(number) for number in options.cores.split(",")):
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, set(range(cores)))
@@ -198,7 +201,7 @@ def main() -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--cores", default="2,1")
     parser.add_argument("--only", default=DEFAULT, help="parts of the sequences' names")
@@ -293,4 +296,4 @@ def _print(sequence: str, spent: dict[str, Spent]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import command_line
 import cv2
 import numpy as np
 
@@ -85,8 +86,8 @@ def fly(scenario: Scenario, seed: int, overrides: Sequence[str]) -> IdentityScor
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=50, help="how many")
+    parser = command_line.parser(__doc__)
+    parser.add_argument("--seeds", type=command_line.count, default=50, help="how many")
     parser.add_argument("--first", type=int, default=1, help="the first one")
     parser.add_argument("--scenario", default="demo")
     parser.add_argument("--ways", nargs="*", default=list(WAYS), choices=list(WAYS))
@@ -122,4 +123,4 @@ def _share(flags: Sequence[bool]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

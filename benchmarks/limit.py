@@ -18,7 +18,6 @@ plans have no wind.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import command_line
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -304,9 +304,9 @@ def flown_figures(pursuit: Pursuit) -> Floats:
 
 def main() -> None:
     """Measure, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("--campaign", default="standard", help="name or file")
-    parser.add_argument("--runs", type=int, default=24, help="how many of its runs")
+    parser.add_argument("--runs", type=command_line.count, default=24, help="how many of its runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument(
         "--out", type=Path, default=Path("runs/limit"), help="folder of the figures"
@@ -370,4 +370,4 @@ def show(table: dict[str, dict[str, float]]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

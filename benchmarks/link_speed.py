@@ -12,6 +12,7 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
+import command_line
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.open import open_link
@@ -119,6 +120,12 @@ def measure(kind: str) -> None:
     )
 
 
+def main() -> None:
+    """Measure both."""
+    command_line.parser(__doc__).parse_args()
+    for kind in ("pymavlink", "mavsdk"):
+        measure(kind)
+
+
 if __name__ == "__main__":
-    for link_kind in ("pymavlink", "mavsdk"):
-        measure(link_kind)
+    command_line.run(main)

@@ -11,7 +11,6 @@ them. "Scheduler" is its processor time, "sent" a run with its answer as they ar
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import pickle
@@ -26,6 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from rich.progress import track as progress
 
@@ -38,7 +38,7 @@ BEGIN_S = 60.0
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line.parser(__doc__)
     parser.add_argument("--flights", type=int, default=200, help="for the memory")
     parser.add_argument("--queued", type=int, nargs="*", default=[10, 100, 1000], help="for Dask")
     options = parser.parse_args()
@@ -137,4 +137,4 @@ def processor_s(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -2,16 +2,16 @@
 
 For docs/reference/follow-modes.md.
 
-follower sim orbit --lockstep --no-video
-python benchmarks/mode_pictures.py runs/orbit --out docs/pictures
+    follower sim orbit --lockstep --no-video
+    python benchmarks/mode_pictures.py runs/orbit --out docs/pictures
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
+import command_line
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ _WIDTH_IN, _DPI = 5.0, 80
 
 def main() -> None:
     """Draw the flights that are named on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("flights", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
     options = parser.parse_args()
@@ -43,6 +43,8 @@ def main() -> None:
 def draw(flight: RecordedFlight, name: str) -> Figure:
     """Return the map of what happened from the first moment of following on."""
     following = [c.time_s for c in flight.log.controls if c.state is SupervisorState.FOLLOWING]
+    if not following or not flight.truth:
+        raise SystemExit(f"{flight.folder}: not a simulated flight that followed its target")
     truth = [t for t in flight.truth if following[0] <= t.time_s <= following[-1]]
     figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN))
     axes = figure.add_subplot()
@@ -79,4 +81,4 @@ def _draw_moment(axes: Axes, sample: TruthSample) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

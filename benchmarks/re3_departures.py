@@ -8,12 +8,12 @@ part left out is missed by the others, so that a network trained without it migh
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import command_line
 import cv2
 import numpy as np
 
@@ -78,7 +78,7 @@ def variants(weights: Path) -> dict[str, MotionTracker]:
 
 def main() -> None:
     """Measure and print a row a variant."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("weights", type=Path)
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--only", help="names apart by commas", default="")
@@ -107,4 +107,4 @@ def _measured(tracker: MotionTracker, sequence: Sequence) -> tuple[float, float,
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

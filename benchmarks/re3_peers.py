@@ -8,9 +8,9 @@ Writes runs/train/KIND/KIND.onnx, which runs wherever a tracker is named.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
+import command_line
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -127,7 +127,7 @@ PEERS: dict[str, tuple[type[Re3Module], int]] = {
 
 def main() -> None:
     """Train one of them."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("kind", choices=PEERS)
     parser.add_argument("--pictures", type=Path, help="as for `follower train re3`")
     arguments = parser.parse_args()
@@ -144,4 +144,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

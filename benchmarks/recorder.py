@@ -19,7 +19,6 @@ a control step began and ended, after its due time.
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -28,9 +27,11 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import command_line
 import cv2
 import numpy as np
 import numpy.typing as npt
+from rich.progress import track as progress
 
 from follower.flight.control.loop import ControlLoop
 from follower.flight.control.stage import ControlStage
@@ -185,8 +186,11 @@ def main() -> None:
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         for module in (recorder, video_writer):
             vars(module)["give_way"] = give_way_to_the_flight_alone
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
+    parser = command_line.parser(__doc__)
+    parser.add_argument("rounds", nargs="?", type=command_line.count, default=5)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=10.0)
+    options = parser.parse_args()
+    rounds, seconds = options.rounds, options.seconds
     cv2.setNumThreads(1)
     images = pictures(1)
     controls: dict[bool, list[list[ControlRecord]]] = {True: [], False: []}
@@ -196,7 +200,7 @@ def main() -> None:
         closing(open_connection(f"udpout:{ADDRESS}")) as theirs,
         tempfile.TemporaryDirectory() as name,
     ):
-        for number in range(2 * rounds):
+        for number in progress(range(2 * rounds), "flights"):
             recorded = number % 2 == 0
             folder = Path(name) / str(number) if recorded else None
             if folder is not None:
@@ -256,4 +260,4 @@ def _ends(records: list[ControlRecord]) -> Array:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

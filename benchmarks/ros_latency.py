@@ -16,11 +16,16 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import command_line
 import numpy as np
-import rclpy
-from geometry_msgs.msg import TwistStamped
-from rclpy.lifecycle import LifecycleNode
-from sensor_msgs.msg import Image
+
+try:
+    import rclpy
+    from geometry_msgs.msg import TwistStamped
+    from rclpy.lifecycle import LifecycleNode
+    from sensor_msgs.msg import Image
+except ImportError as error:
+    sys.exit(f"ros_latency: {error}; it needs ROS 2, see docs/how-to/ros.md")
 
 from follower.apps.ros.conversion import fill_image, fill_twist, set_stamp
 from follower.apps.ros.io_node import NEWEST, SENSOR
@@ -79,7 +84,7 @@ class Pictures:
         """Hold nothing."""
 
 
-def main(seconds: float) -> None:
+def measure(seconds: float) -> None:
     """Measure for so many seconds, and print."""
     rclpy.init()
     node = LifecycleNode("follower")
@@ -104,7 +109,7 @@ def main(seconds: float) -> None:
         threading.Thread(target=watch, args=pair)
         for pair in (("own thread", own), ("over ROS", source))
     ]
-    with subprocess.Popen([sys.executable, __file__, "camera", str(seconds)]) as camera:
+    with subprocess.Popen([sys.executable, __file__, str(seconds), "--camera"]) as camera:
         for thread in threads:
             thread.start()
         camera.wait()
@@ -130,9 +135,15 @@ def main(seconds: float) -> None:
     rclpy.shutdown()
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Be one of the two processes."""
     os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(PROFILE))
-    if sys.argv[1:2] == ["camera"]:
-        publish(float(sys.argv[2]))
-    else:
-        main(float(sys.argv[1]) if sys.argv[1:] else 20.0)
+    parser = command_line.parser(__doc__)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=20.0)
+    parser.add_argument("--camera", action="store_true", help="be the camera's process")
+    options = parser.parse_args()
+    (publish if options.camera else measure)(options.seconds)
+
+
+if __name__ == "__main__":
+    command_line.run(main)

@@ -13,12 +13,12 @@ pixels at 640x480 at least 3 times real time, without at least 100 times.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 
+import command_line
 import cv2
 
 from follower.settings.settings import find_scenario, load_settings
@@ -98,9 +98,12 @@ def random_flights() -> tuple[float, int]:
 def main() -> None:
     """Measure and print."""
     cv2.setNumThreads(1)
-    name = sys.argv[1] if len(sys.argv) > 1 else "winding"
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else SECONDS
-    scenario = load_scenario(find_scenario(name), (f"duration_s={seconds}",))
+    parser = command_line.parser(__doc__)
+    parser.add_argument("scenario", nargs="?", default="winding")
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=SECONDS)
+    options = parser.parse_args()
+    changes = (f"duration_s={options.seconds}",)
+    scenario = load_scenario(find_scenario(options.scenario), changes)
     camera = scenario.camera
     heads = ("simulated", "processor", "real time", "by wall", "steps/s")
     print(
@@ -114,4 +117,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

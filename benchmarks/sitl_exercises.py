@@ -14,7 +14,6 @@ Run from the repository's root, with the programs that ARDUCOPTER_SITL and PX4_S
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
@@ -27,6 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import command_line
 import yaml
 from sitl_relay import AT_REST, Relay
 
@@ -36,7 +36,6 @@ from follower.simulation.fault_tests.run_fault import SCENE
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
-from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import UdpTransport
 from follower_sim.scenario.scenario_file import load_scenario
 
@@ -334,19 +333,14 @@ def _wrong(relay: Relay, code: int, exercise: Exercise, begun_s: float, said: st
 
 def main() -> None:
     """Fly the exercises and print a line for each."""
-    form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser = command_line.parser(__doc__)
     parser.add_argument("name", nargs="*", help=f"of {', '.join(EXERCISES)}; all by default")
     names = parser.parse_args().name or list(EXERCISES)
     unknown = [name for name in names if name not in EXERCISES]
     if unknown:
         parser.error(f"there is no {unknown[0]!r}: choose from {', '.join(EXERCISES)}")
-    try:
-        found = programs(None, None, None, None)
-    except SettingsError as error:
-        parser.error(str(error))
     failed = 0
-    for program in found:
+    for program in programs(None, None, None, None):
         if program is None:
             continue
         for name in names:
@@ -363,4 +357,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -9,13 +9,13 @@ the usual gains and three times with the new ones, without pixels.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 from contextlib import closing
 from pathlib import Path
 
+import command_line
 import numpy as np
 
 from follower.apps.sitl.run import programs
@@ -72,7 +72,7 @@ def tune(program: SitlProgram, scenario: str, out: Path) -> None:
 
 def main() -> None:
     """Tune on the programs that are named."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/sitl_tuning"))
     parser.add_argument("--scenario", default="winding")
     options = parser.parse_args()
@@ -82,4 +82,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import av
+import command_line
 import numpy as np
 
 from follower.apps.bench.scene import BenchClip, render_clips
@@ -207,7 +208,11 @@ def figures(folder: Path, people: float) -> Figures:
 
 def main() -> None:
     """Measure and print."""
-    seconds, period_ms = (*map(float, sys.argv[1:]), *(20.0, 20.0)[len(sys.argv) - 1 :])
+    parser = command_line.parser(__doc__)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=20.0)
+    parser.add_argument("period_ms", nargs="?", type=command_line.positive, default=20.0)
+    options = parser.parse_args()
+    seconds, period_ms = options.seconds, options.period_ms
     clips = render_clips((SIZE,), PICTURES)
     assert clips is not None
     with tempfile.TemporaryDirectory() as name:
@@ -232,4 +237,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -6,10 +6,10 @@ python benchmarks/tuning_pictures.py runs/tuning/excite
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import command_line
 from matplotlib.figure import Figure
 
 from follower.report import style
@@ -44,7 +44,9 @@ def save(name: str, figure: Figure) -> None:
 
 def main() -> None:
     """Draw all of them."""
-    recording = read_recording(Path(sys.argv[1]))
+    parser = command_line.parser(__doc__)
+    parser.add_argument("excite", type=Path, help="folder of a flight of `follower excite`")
+    recording = read_recording(parser.parse_args().excite)
     forward = recording.axes[VehicleAxis.FORWARD]
     with style.plot_style():
         fit = fit_response(forward, VehicleAxis.FORWARD.least_excitation)
@@ -59,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -14,7 +14,6 @@ import os
 import re
 import shutil
 import socket
-import sys
 import tempfile
 import threading
 import time
@@ -22,6 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import av
+import command_line
 import cv2
 import numpy as np
 
@@ -161,7 +161,9 @@ def report(name: str, found: list[int]) -> None:
 
 def main() -> None:
     """Measure and print."""
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+    parser = command_line.parser(__doc__)
+    parser.add_argument("seconds", nargs="?", type=command_line.positive, default=10.0)
+    seconds: float = parser.parse_args().seconds
     udp, rtsp = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
     video = (f"video.udp=127.0.0.1:{udp}", f"video.rtsp=127.0.0.1:{rtsp}", "video.overlay=false")
     settings = load_settings(None, None, ("cockpit.port=0", *video))
@@ -194,4 +196,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command_line.run(main)

@@ -10,7 +10,6 @@ true one by half in half of the frames. They depend on one another: the interval
 
 from __future__ import annotations
 
-import sys
 from bisect import bisect
 from contextlib import closing
 from dataclasses import replace
@@ -18,6 +17,7 @@ from functools import cache, partial
 from multiprocessing import get_context
 from typing import NamedTuple
 
+import command_line
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
@@ -125,7 +125,7 @@ def fly(job: tuple[Effect, float, int]) -> tuple[int, int]:
     return sum(bool(np.mean(one) >= 0.5) for one in seconds.values()), len(seconds)
 
 
-def curves(path: str, seeds: int = 2, processes: int = 2) -> None:
+def curves(path: str, seeds: int, processes: int) -> None:
     """Fly, print and draw the share of good seconds over each effect's strength."""
     plain = EFFECTS["fog [1/m]"], 0.0
     groups = [plain, *((effect, s) for effect in EFFECTS.values() for s in effect.strengths)]
@@ -146,5 +146,19 @@ def curves(path: str, seeds: int = 2, processes: int = 2) -> None:
     figure.savefig(path)
 
 
+def main() -> None:
+    """Draw what the command line asks for."""
+    parser = command_line.parser(__doc__)
+    parser.add_argument("what", choices=("sheet", "curves"))
+    parser.add_argument("path", help="the picture to write")
+    parser.add_argument("seeds", nargs="?", type=command_line.count, default=2)
+    parser.add_argument("processes", nargs="?", type=command_line.count, default=2)
+    options = parser.parse_args()
+    if options.what == "sheet":
+        sheet(options.path)
+    else:
+        curves(options.path, options.seeds, options.processes)
+
+
 if __name__ == "__main__":
-    {"sheet": sheet, "curves": curves}[sys.argv[1]](sys.argv[2], *map(int, sys.argv[3:]))
+    command_line.run(main)

@@ -8,6 +8,7 @@ Run from the repository's root: python benchmarks/autopilot_steps RECORDINGS [OU
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -37,10 +38,13 @@ _HEADER = (
 
 def main() -> None:
     """Write both plots and print the table."""
-    if len(sys.argv) < 2:
-        sys.exit(f"usage: {sys.argv[0]} RECORDINGS [OUT]: the folder of the recordings is missing")
-    data = Path(sys.argv[1])
-    out = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("runs/autopilot_steps")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recordings", type=Path, help="folder of CSV files")
+    parser.add_argument("out", type=Path, nargs="?", default=Path("runs/autopilot_steps"))
+    options = parser.parse_args()
+    data, out = options.recordings, options.out
     out.mkdir(parents=True, exist_ok=True)
     print("recorded / simulated; overshoot and steady state as shares of what was asked")
     print(_HEADER)

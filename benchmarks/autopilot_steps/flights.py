@@ -9,6 +9,7 @@ Run from the repository's root: python benchmarks/autopilot_steps/flights.py REC
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from collections.abc import Callable
@@ -123,12 +124,15 @@ def fly_recording(path: Path) -> tuple[RecordedStep, RecordedStep]:
 
 def main() -> None:
     """Print the table and write a plot of each recording."""
-    if len(sys.argv) < 2:
-        sys.exit(f"usage: {sys.argv[0]} RECORDINGS [OUT]: the folder of the recordings is missing")
-    out = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("runs/autopilot_flights")
-    paths = sorted(Path(sys.argv[1]).glob("*.csv"))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recordings", type=Path, help="folder of CSV files")
+    parser.add_argument("out", type=Path, nargs="?", default=Path("runs/autopilot_flights"))
+    options = parser.parse_args()
+    out, paths = options.out, sorted(options.recordings.glob("*.csv"))
     if not paths:
-        sys.exit(f"no recordings *.csv in {sys.argv[1]}; give their folder")
+        sys.exit(f"no recordings *.csv in {options.recordings}; give their folder")
     out.mkdir(parents=True, exist_ok=True)
     print(
         "root mean square of real - simulated; mean miss of the velocity asked for, real/simulated"

@@ -1,0 +1,55 @@
+"""The benchmarks as programs: each says what it is for, and what it cannot use."""
+
+import ast
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+PROGRAMS = [path for path in BENCHMARKS.rglob("*.py") if "__main__" in path.read_text("utf-8")]
+
+
+def ended(program: Path, *words: str, monkeypatch: pytest.MonkeyPatch) -> object:
+    """Run a program in this process; return its exit code."""
+    monkeypatch.setattr(sys, "argv", [str(program), *words])
+    monkeypatch.syspath_prepend(str(program.parent))
+    with pytest.raises(SystemExit) as ending:
+        runpy.run_path(str(program), run_name="__main__")
+    return ending.value.code
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda path: path.stem)
+def test_help_says_what_a_benchmark_is_for(
+    program: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "rclpy" in program.read_text("utf-8"):
+        pytest.importorskip("rclpy")
+    assert ended(program, "--help", monkeypatch=monkeypatch) == 0
+    about = ast.get_docstring(ast.parse(program.read_text("utf-8"))) or ""
+    assert about.splitlines()[0] in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "words", "reason"),
+    [
+        ("hidden_car", ("--scenario", "none"), "hidden_car: there is no scenario 'none'"),
+        ("fusion_speed", ("none",), "No such file or directory: 'none/sequences'"),
+        ("re3_departures", ("none.onnx", "none"), "none: there is no such folder"),
+        ("mode_pictures", ("none",), "none: there is no such folder; a flight is a folder"),
+        ("estimator", ("--first", "1000"), "standard has no run 1000"),
+        ("control_jitter", ("0",), "invalid positive value: '0'"),
+    ],
+)
+def test_what_a_benchmark_cannot_use_is_said_in_one_line(
+    name: str,
+    words: tuple[str, ...],
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert ended(BENCHMARKS / f"{name}.py", *words, monkeypatch=monkeypatch) == 2
+    assert reason in capsys.readouterr().err.splitlines()[-1]
