@@ -6,8 +6,7 @@
 DATA holds `sequences` and `weights`. The frames are decoded and brought to 1280x720 beforehand;
 every network has one thread. The motion tracker alone and both modes of Fusion take turns, a block
 of frames each, so that other programs on the machine slow all of them down alike; how much of the
-machine those took is printed. Promises on two cores, in the background: at least 86 frames a
-second, at least 0.72 of the motion tracker alone, and no frame waits for a detection.
+machine those took is printed. Measured: docs/explanation/fusion.md.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ told): once with its camera rendered, all imperfections on, at the size that the
 followed by the default tracker; once with the truth + noise in vision's place; and, as `follower
 faults --random` does it, with a cheap vehicle and random faults. Nothing is recorded or filmed.
 Counted is the processor's time of this one thread, building the world left out, of the fastest of
-three times, for other work on the machine makes it longer; the wall's is beside it. Promise: with
-pixels at 640x480 at least 3 times real time, without at least 100 times.
+three times, for other work on the machine makes it longer; the wall's is beside it. Measured:
+docs/decisions/0003-lockstep-in-memory.md.
 """
 
 from __future__ import annotations
