@@ -1,6 +1,7 @@
 """The ways of following, pixels in and MAVLink out, on a simulated clock; judged by the truth."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,19 +89,35 @@ def late(rows: np.ndarray, from_s: float, until_s: float = 24.0) -> np.ndarray:
     return rows[(rows[:, 0] > from_s) & (rows[:, 0] < until_s)]
 
 
-SHIPPED = [(n, a) for n in ("sides", "orbit", "watch") for a in ("px4", "ardupilot")]
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "follow-modes.md"
+ROW = re.compile(r"\| (\w+)[^|]* \| (\w+) \| ([\d.]+)° \| ([\d.]+) % \|")
+MEASURED = [
+    (name, autopilot, (float(sight_deg), float(range_percent)))
+    for name, autopilot, sight_deg, range_percent in ROW.findall(PAGE.read_text("utf-8"))
+]
+OTHERS = ("sides", "px4"), ("orbit", "ardupilot"), ("watch", "px4"), ("watch", "ardupilot")
 
 
 # A camera that is fixed to PX4 looks past a car below: it leans by 27 degrees.
-@pytest.mark.parametrize(("name", "autopilot"), [*SHIPPED, ("overhead", "ardupilot")])
-def test_the_shipped_scenario_of_each_mode_is_flown_within_its_limits(
-    tmp_path: Path, name: str, autopilot: str
+@pytest.mark.parametrize(
+    ("name", "autopilot", "figures"), [*MEASURED, *((*one, None) for one in OTHERS)]
+)
+def test_the_shipped_scenario_of_each_mode_is_flown_within_its_limits_and_as_the_page_says(
+    tmp_path: Path, name: str, autopilot: str, figures: tuple[float, float] | None
 ) -> None:
     options = SimulationOptions(
         name, autopilot, lockstep=True, out=tmp_path, video=False, vision=VisionSource.TRUTH
     )
     result = simulate(options)
     assert result.exit_code == 0, result.end.sentence
+    if figures is not None:
+        assert (result.score.in_frame_share, result.score.losses) == (1.0, 0)
+        flown = result.score.line_of_sight_rms_deg, 100 * result.score.range_error_median
+        assert flown == pytest.approx(figures, abs=0.06)
+
+
+def test_the_page_has_the_flights_of_each_mode_with_a_distance() -> None:
+    assert {name for name, _, _ in MEASURED} == {"sides", "orbit", "overhead", "gimbal"}
 
 
 def test_beside_a_car_it_is_on_its_right() -> None:
