@@ -287,3 +287,17 @@ def test_the_context_takes_what_is_fresh_of_the_vehicle():
     assert FlightContext.of(state, 10.2) == motion_forgotten
     assert FlightContext.of(state, 10.8) == FlightContext(yaw_rad=1.0)
     assert FlightContext.of(VehicleState(), 0.0) == FlightContext()
+
+
+def test_on_the_ground_a_hold_is_zero_whatever_velocity_the_estimator_believes_in():
+    noisy = VehicleState(
+        attitude=Attitude(0, 0, 0.0, 0, 0, 0, 10.0),
+        position=LocalPosition(0, 0, 0, 0.3, -0.2, 0.1, 10.0),
+    )
+
+    def held(landed: bool) -> VelocitySetpoint:
+        envelope, context = Envelope(), FlightContext.of(replace(noisy, landed=landed), 10.0)
+        return [envelope.limit(HOLD, i * DT, context).allowed for i in range(50)][-1]
+
+    assert held(landed=True) == HOLD
+    assert held(landed=False).forward_m_s < -0.3  # how far the target is is not known

@@ -60,7 +60,9 @@ class FlightContext:
         """Take what is fresh of the vehicle's state."""
         attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= _STALE_S else None
         position = vehicle.position if vehicle.position_age_s(now_s) <= _STALE_S else None
-        moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
+        fresh = vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S
+        # On the ground it stands: the estimator's velocity is noise, which a hold would brake.
+        moving = position if fresh and not vehicle.landed else None
         origin = vehicle.origin
         north_m, east_m = position.from_home_m if position else (None, None)
         home_m = position.home_m[:2] if position and position.home_m else (0.0, 0.0)
