@@ -41,7 +41,7 @@ from follower_sim.scenario.scenario_file import load_scenario
 
 _PATIENCE_S, _AFTERWARDS_S, _STANDS_WITHIN_S = 150.0, 16.0, 9.0
 _STEADY_S = 3.0
-_CLIMBED_M, _ON_GROUND_M = 5.0, 0.5
+_CLIMBED_M = 5.0
 HANDED_OVER, RELEASED, FOLLOWED = (3,), (4,), (0, 1)
 
 
@@ -315,8 +315,8 @@ def _wrong(relay: Relay, code: int, exercise: Exercise, begun_s: float, said: st
     if exercise.codes and code not in exercise.codes and not follows_on:
         yield f"exit code {code}, wanted one of {exercise.codes}"
     if exercise.stays_down:
-        if relay.highest_m > _ON_GROUND_M:
-            yield f"it rose to {relay.highest_m:.1f} m"
+        if relay.lifted:
+            yield "it left the ground"
         if any(not setpoint.is_zero for setpoint in evidence.setpoints):
             yield "a velocity was sent to a vehicle on the ground"
     since_s = relay.slow_since_s

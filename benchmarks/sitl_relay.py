@@ -23,6 +23,11 @@ AT_REST = (0.0, 0.0, -1.0, 0.0)
 _FAST_M_S, _STANDS_M_S = 2.0, 0.6
 _AGAIN_S, _STICKS_S, _STICK_STEP = 1.0, 0.05, 0.1
 _GROUND_STATION = 255
+_OFF_THE_GROUND = (
+    mavlink.MAV_LANDED_STATE_IN_AIR,
+    mavlink.MAV_LANDED_STATE_TAKEOFF,
+    mavlink.MAV_LANDED_STATE_LANDING,
+)
 _AUTOPILOTS = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
 
 
@@ -49,8 +54,8 @@ class Relay:
         """Where they go: roll, pitch, throttle, yaw, within ±1; None: the transmitter is off."""
         self._sticks = AT_REST
         self.begun_s: float | None = None
-        self.speed_m_s = self.height_m = self.highest_m = 0.0
-        self.obeys = self.armed = False
+        self.speed_m_s = self.height_m = 0.0
+        self.obeys = self.armed = self.lifted = False
         self.slow_since_s: float | None = None
         self._fast_since_s = math.inf
         self._sticks_due_s = 0.0
@@ -92,9 +97,11 @@ class Relay:
         if kind == "LOCAL_POSITION_NED":
             self.speed_m_s = math.hypot(message.vx, message.vy, message.vz)
             self.height_m = -message.z
-            self.highest_m = max(self.highest_m, self.height_m)
             slow = self.speed_m_s < _STANDS_M_S
             self.slow_since_s = (self.slow_since_s or now_s) if slow else None
+        elif kind == "EXTENDED_SYS_STATE":
+            # Not the height: on the ground PX4's estimate of it drifts by 0.7 m in half a minute.
+            self.lifted |= message.landed_state in _OFF_THE_GROUND
         elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
             self._system = message.get_srcSystem()
             self.obeys = message.custom_mode == self._mode
