@@ -3,8 +3,8 @@
 `benchmarks/closed_loop.py` has all loops, and pixels.
 """
 
-import importlib.util
-import sys
+import importlib
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,17 +15,14 @@ from follower.simulation.options import VisionSource
 from follower.tuning.tune.run import find_vehicle
 from follower_control.tuning.axes import Axis
 
-BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "closed_loop.py"
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
-def closed_loop() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("closed_loop", BENCHMARK)
-    module = importlib.util.module_from_spec(spec)
-
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def closed_loop() -> Iterator[ModuleType]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        yield importlib.import_module("closed_loop")
 
 
 def px4(closed_loop: ModuleType) -> Any:
