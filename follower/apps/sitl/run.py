@@ -232,8 +232,8 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
     passed = sum(row["passed"] for row in rows)
     headline = f"{passed} of {counted(len(rows), 'flight')} passed"
     lines = [line for row in rows if (line := _failure(row))]
-    head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES))
-    numbers = range(5, 5 + len(_FIGURES))
+    head = ("Scenario", "Autopilot", "Link", "", *(name for name, _, _ in _FIGURES))
+    numbers = range(4, 4 + len(_FIGURES))
     commands = html.preformatted("\n".join(row["command"] for row in rows))
     parts = (
         flight_page.verdict_box("passed" if passed == len(rows) else "failed", headline, lines),
@@ -250,8 +250,11 @@ def _failure(row: dict[str, Any]) -> str:
     if row["passed"]:
         return ""
     missed = "; ".join((*row.get("violations", ()), *row.get("failures", ()))) or row["end"]
-    seed = "" if row["seed"] is None else f", seed {row['seed']}"
-    return f"{row['scenario']}, {row['autopilot']}{seed}: {missed}"
+    return f"{row['scenario']}, {row['autopilot']}{_seed(row)}: {missed}"
+
+
+def _seed(row: dict[str, Any]) -> str:
+    return "" if row["seed"] is None else f", seed {row['seed']}"
 
 
 def _cells(row: dict[str, Any]) -> Sequence[Cell]:
@@ -259,6 +262,5 @@ def _cells(row: dict[str, Any]) -> Sequence[Cell]:
     mark = Html(f'<b style="color: var(--{colour})">{word}</b>')
     figures = ["–" if row.get(key) is None else form.format(row[key]) for _, key, form in _FIGURES]
     name, where = escape(row["scenario"]), row.get("folder")
-    title = Html(name if where is None else f'<a href="{escape(where)}/{REPORT}">{name}</a>')
-    seed = "" if row["seed"] is None else str(row["seed"])
-    return (title, row["autopilot"], row["link"], seed, mark, *figures)
+    linked = name if where is None else f'<a href="{escape(where)}/{REPORT}">{name}</a>'
+    return (Html(linked + _seed(row)), row["autopilot"], row["link"], mark, *figures)
