@@ -83,7 +83,7 @@ def install(
 
 
 def _write(path: Path, text: str, mode: int) -> Path:
-    """Write a file that nobody else may read, not even for a moment."""
+    """Write a file that has the rights of `mode` from its first moment."""
     before = os.umask(0o777 & ~mode)
     try:
         return write_whole(path, text)
