@@ -121,5 +121,7 @@ def test_when_nobody_wants_numbers_there_are_none(phone: Page, seeing: Any) -> N
     want_numbers(phone, True)
     seeing.wait_for(phone, lambda: phone.evaluate("objects"), "numbers")
     want_numbers(phone, False)
+    phone.evaluate("() => take({ kind: 'objects', objects: [{ box: [0, 0, 1, 1] }] })")
+    assert phone.evaluate("objects") == [], "what was on its way is not shown"
     phone.wait_for_timeout(1000)
     assert phone.evaluate("objects") == []
