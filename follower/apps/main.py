@@ -215,7 +215,7 @@ def demo(
     )
     result = simulate(options)
     ours = connect is None and link != "mavsdk"  # what can be flown in lockstep
-    if result.exit_code in (FAILED, RELEASED_FOR_SAFETY) and result.frames_late and ours:
+    if result.exit_code in (FAILED, RELEASED_FOR_SAFETY) and result.too_slow and ours:
         typer.echo("This computer is too slow to fly that in real time. Once more in lockstep:")
         result = simulate(replace(options, lockstep=True))
     raise typer.Exit(result.exit_code)

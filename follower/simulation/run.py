@@ -62,7 +62,8 @@ class SimulationResult:
         end: how it ended.
         score: held against the truth; units stand in the names, shares go from 0 to 1.
         violations: what went over the wire that never may, of a program's flight.
-        frames_late: whether this computer was too slow to fly in real time.
+        too_slow: in what this computer was too slow or too busy, a sentence each; it spoils the
+            figures of a flight in real time.
 
     Examples:
         >>> import follower
@@ -76,7 +77,7 @@ class SimulationResult:
     end: FlightEnd
     score: PursuitScore
     violations: tuple[str, ...] = ()
-    frames_late: bool = False
+    too_slow: tuple[str, ...] = ()
 
 
 def simulate(options: SimulationOptions, console: Console | None = None) -> SimulationResult:
@@ -154,8 +155,7 @@ class _Simulation:
             code = end.exit_code
         else:
             code = FAILED if violations or not all(one.passed for one in judged) else SUCCESS
-        late = self._late_frames(flight) is not None
-        return SimulationResult(code, folder, end, score, violations, late)
+        return SimulationResult(code, folder, end, score, violations, self._too_slow(flight))
 
     def _fly(
         self,
@@ -206,11 +206,10 @@ class _Simulation:
     def _remarks(self, flight: SimulatedFlight) -> tuple[str, ...]:
         """Return what the report's reader has to know."""
         remarks = (
-            *(() if self.sitl is None else self.sitl.remarks(flight)),
+            *(() if self.sitl is None else self.sitl.remarks()),
             f"{NO_PIXELS}; not recorded" if self.options.vision is VisionSource.TRUTH else None,
             BY_USER if self.interrupted else None,
-            self._late_frames(flight),
-            self._late_control(flight),
+            *self._too_slow(flight),
             self.video.remark if self.video else None,
             self.station.remark if self.station else None,
             *(() if self.recorder is None else self.recorder.remarks),
@@ -266,6 +265,14 @@ class _Simulation:
                     raise
                 raise self.sitl.explained(error) from error
         return interrupt.interrupted or early.interrupted
+
+    def _too_slow(self, flight: SimulatedFlight) -> tuple[str, ...]:
+        slow = (
+            None if self.sitl is None else self.sitl.too_slow(flight),
+            self._late_frames(flight),
+            self._late_control(flight),
+        )
+        return tuple(remark for remark in slow if remark)
 
     def _late_frames(self, flight: SimulatedFlight) -> str | None:
         silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)

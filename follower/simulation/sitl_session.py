@@ -84,17 +84,20 @@ class SitlSession(ClosesItself):
         """Return the error with what the program wrote at the end."""
         return ConnectionFailedError(self._said(str(error)))
 
-    def remarks(self, flight: SimulatedFlight) -> tuple[str, ...]:
+    def remarks(self) -> tuple[str, ...]:
         """Return what is to be said of the program; "" of what is as usual."""
+        return self._program.remark, self._program.lacks(self._scenario)
+
+    def too_slow(self, flight: SimulatedFlight) -> str | None:
+        """Return a remark on a program that fell behind its time, None if it did not."""
         pace, asked = flight.link_status.clock_pace, self._setup.speedup
-        slow = ""
-        if pace is not None and pace < _LEAST_PACE:
-            slow = (
-                f"{self._program.title} ran at {pace * asked:.2f} times real time, "
-                f"{asked:g} were asked for: this computer is too slow or too busy for it; "
-                "figures of time and speed are off by as much. Take a lower --speedup."
-            )
-        return self._program.remark, self._program.lacks(self._scenario), slow
+        if pace is None or pace >= _LEAST_PACE:
+            return None
+        return (
+            f"{self._program.title} ran at {pace * asked:.2f} times real time, "
+            f"{asked:g} were asked for: this computer is too slow or too busy for it; "
+            "figures of time and speed are off by as much. Take a lower --speedup."
+        )
 
     def violations(self, flight: SimulatedFlight) -> tuple[str, ...]:
         """Return what an independent watcher of the wire saw against the rules."""

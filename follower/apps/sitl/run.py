@@ -221,6 +221,7 @@ def _fly(options: SimulationOptions, folder: Path, console: Console, alone: bool
         "passed": result.exit_code == SUCCESS,
         "failures": score["failures"],
         "violations": result.violations,
+        "too_slow": result.too_slow,
         "exit_code": result.exit_code,
         "folder": result.folder.relative_to(folder).as_posix(),
         **{key: score["score"][key] for _, key, _ in _FIGURES},
@@ -232,6 +233,7 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
     passed = sum(row["passed"] for row in rows)
     headline = f"{passed} of {counted(len(rows), 'flight')} passed"
     lines = [line for row in rows if (line := _failure(row))]
+    lines += [f"{_flight(row)}: {why}" for row in rows for why in row.get("too_slow", ())]
     head = ("Scenario", "Autopilot", "Link", "", *(name for name, _, _ in _FIGURES))
     numbers = range(4, 4 + len(_FIGURES))
     commands = html.preformatted("\n".join(row["command"] for row in rows))
@@ -250,7 +252,11 @@ def _failure(row: dict[str, Any]) -> str:
     if row["passed"]:
         return ""
     missed = "; ".join((*row.get("violations", ()), *row.get("failures", ()))) or row["end"]
-    return f"{row['scenario']}, {row['autopilot']}{_seed(row)}: {missed}"
+    return f"{_flight(row)}: {missed}"
+
+
+def _flight(row: dict[str, Any]) -> str:
+    return f"{row['scenario']}, {row['autopilot']}{_seed(row)}"
 
 
 def _seed(row: dict[str, Any]) -> str:

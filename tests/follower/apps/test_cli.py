@@ -145,7 +145,7 @@ def test_a_demo_that_failed_on_a_slow_computer_is_flown_once_more_in_lockstep(
     def fly(options: SimulationOptions) -> SimpleNamespace:
         asked.append(options)
         code_now = SUCCESS if options.lockstep else code
-        return SimpleNamespace(exit_code=code_now, frames_late=late and not options.lockstep)
+        return SimpleNamespace(exit_code=code_now, too_slow=late and not options.lockstep)
 
     monkeypatch.setattr("follower.simulation.run.simulate", fly)
     result = run_command("demo", *arguments)

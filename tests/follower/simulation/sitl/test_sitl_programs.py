@@ -8,6 +8,7 @@ import sys
 import time
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -324,8 +325,9 @@ def test_the_simulated_autopilot_sends_heartbeats_to_our_port(tmp_path: Path) ->
         again.bind(("127.0.0.1", program.port))
 
 
-def test_the_report_of_one_simulated_flight_does_not_speak_of_real_autopilots() -> None:
-    row = {
+@pytest.fixture
+def row() -> dict[str, Any]:
+    return {
         "scenario": "winding",
         "autopilot": "simulated px4",
         "link": "pymavlink",
@@ -335,6 +337,18 @@ def test_the_report_of_one_simulated_flight_does_not_speak_of_real_autopilots() 
         "passed": True,
         "folder": "winding",
     }
+
+
+def test_the_report_of_one_simulated_flight_does_not_speak_of_real_autopilots(
+    row: dict[str, Any],
+) -> None:
     page = render([row])
     assert "1 of 1 flight passed" in page
     assert "real autopilot" not in page
+
+
+def test_the_report_names_flights_that_the_computer_was_too_slow_for(row: dict[str, Any]) -> None:
+    late = row | {"passed": False, "too_slow": ["Control came late: 12 of the wanted 50 steps"]}
+    page = render([late, row | {"scenario": "boat", "too_slow": []}])
+    assert "<li>winding, simulated px4, seed 7: Control came late: 12 of the wanted 50" in page
+    assert "<li>boat" not in page
