@@ -174,6 +174,7 @@ def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
     Raises:
         SettingsError: something cannot be used; nothing was flown.
         ConnectionFailedError: the only flight could not be flown.
+        ModelError, PluginError: a network or another package's part cannot be used.
     """
     flights = list(matrix.flights())
     for options in flights:
@@ -190,9 +191,9 @@ def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
             write_whole(folder / REPORT, render(rows))
             if rows[-1]["exit_code"] == INTERRUPTED:
                 return INTERRUPTED
-    except (ConnectionFailedError, SettingsError):
-        remove_run_folder(folder)
-        raise
+    finally:
+        if [path.name for path in folder.iterdir()] == [RESULTS]:  # nothing flown, no report
+            remove_run_folder(folder)
     print_line(console, str(folder / REPORT))
     if len(rows) == 1:
         return int(rows[0]["exit_code"])

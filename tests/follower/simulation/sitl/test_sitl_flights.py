@@ -13,6 +13,7 @@ from follower.simulation.fault_tests.run_fault import SCENE
 from follower.simulation.options import VisionSource
 from follower.simulation.sitl.programs import ProgramStart, SimulatedProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
+from follower_vision.onnx_network import ModelError
 
 
 @pytest.fixture
@@ -109,6 +110,18 @@ def test_the_death_of_the_only_program_before_it_flew_is_one_line_and_leaves_not
         ConnectionFailedError, match=r"ended with code 7 before it flew.*out of memory"
     ):
         fly_matrix(broken, out)
+    assert not out.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("repeat", [1, 2])
+def test_a_network_that_is_missing_is_one_error_and_leaves_nothing(
+    matrix: SitlMatrix, tmp_path: Path, repeat: int
+) -> None:
+    out = tmp_path / "runs"
+    sees = replace(matrix, vision=VisionSource.PIXELS, video=False, repeat=repeat)
+    with pytest.raises(ModelError, match=r"nothere\.onnx: no such network"):
+        fly_matrix(replace(sees, overrides=("tracker=nothere.onnx",)), out)
     assert not out.exists()
 
 
