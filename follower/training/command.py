@@ -327,13 +327,20 @@ def _read_recipe(
         **given: keys that options of their own give; None leaves the recipe's.
 
     Raises:
-        SettingsError: names the file and the first wrong key.
+        SettingsError: names the file and the first wrong key, or `config` is another recipe than
+            that of the training to go on with.
     """
-    path = resume / "config.yaml" if resume else config or configs_folder() / f"train/{kind}.yaml"
+    own = resume and resume / "config.yaml"
+    path = own or config or configs_folder() / f"train/{kind}.yaml"
     data, source = settings_data(path, overrides=overrides or [])
     chosen = {text.partition("=")[0] for text in overrides or ()}
     more = {key: str(value) for key, value in given.items() if value and key not in chosen}
     settings = parse(model, data | more, source)
+    if own and config and settings != _read_recipe(kind, model, config, overrides, **given)[0]:
+        raise SettingsError(
+            f"--config {config}: this training goes on with {own}, which says otherwise; leave out "
+            "--config, and change single keys by --set"
+        )
     return settings, resume or out / settings.name
 
 

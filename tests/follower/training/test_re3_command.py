@@ -55,6 +55,20 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     assert "tiny.onnx" in output_of("train", "re3", "--resume", str(folder), "--device", "cpu")
 
 
+def test_a_resumed_training_takes_no_other_recipe(tmp_path: Path) -> None:
+    folder, same, other = tmp_path / "tiny", tmp_path / "same.yaml", tmp_path / "other.yaml"
+    folder.mkdir()
+    for path in (folder / "config.yaml", same):
+        path.write_text(RECIPE, encoding="utf-8")
+    other.write_text(RECIPE.replace("steps: 2", "steps: 3"), encoding="utf-8")
+    command = ("train", "re3", "--resume", str(folder), "--config")
+    with pytest.raises(SettingsError, match=r"checkpoint\.pt: there is no such file"):
+        output_of(*command, str(same))
+    said = f"--config {other}: this training goes on with {folder}/config.yaml"
+    with pytest.raises(SettingsError, match=said):
+        output_of(*command, str(other))
+
+
 def test_only_a_motion_trackers_training_is_exported(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, {"kind": "detector"})
     with pytest.raises(SettingsError, match="this is no training of a motion tracker"):
