@@ -117,6 +117,7 @@ def test_temporal_starts_have_a_box_and_one_to_score():
     box = Box(5, 5, 2, 2)
     truth = [box, None, None, None, box, box, None, box]
     assert temporal_starts(truth, 4) == [0, 4]
+    assert temporal_starts(truth, 10**12) == temporal_starts(truth, len(truth))
 
 
 def test_the_twelve_spatial_starts():

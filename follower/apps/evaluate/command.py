@@ -31,6 +31,8 @@ TRAX_EPILOG = """
 `command = follower trax fusion:nanotrack-v3`
 """
 
+Threads = Annotated[int, typer.Option(min=1, max=256, help="OpenCV's threads.")]
+
 
 def evaluate_command(
     folders: Annotated[
@@ -71,7 +73,7 @@ def evaluate_command(
         float,
         typer.Option(min=0.1, max=1000, help="Frames a second where the data set does not say."),
     ] = 30.0,
-    threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
+    threads: Threads = 1,
     workers: Annotated[
         int, typer.Option(min=0, help="Processes; 0: this one. Several slow one another down.")
     ] = 0,
@@ -107,8 +109,10 @@ def trax_command(
     detector: Annotated[
         str, typer.Option(help="Fusion's detector where the name gives none.")
     ] = "yolox-nano",
-    fps: Annotated[float, typer.Option(min=0.1, help="Frames a second of the images.")] = 30.0,
-    threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
+    fps: Annotated[
+        float, typer.Option(min=0.1, max=1000, help="Frames a second of the images.")
+    ] = 30.0,
+    threads: Threads = 1,
 ) -> None:
     """Be a tracker for vot-toolkit and other TraX clients, by standard input and output."""
     import sys

@@ -19,8 +19,9 @@ import pytest
 from csv_rows import rows_of
 from program import FOLLOWER, MAIN
 from small_scenario import small_scenario
+from typer.testing import CliRunner
 
-from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE
+from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE, app
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
 from follower.recording import open_flight
 from follower.simulation.options import SimulationOptions
@@ -90,6 +91,20 @@ def test_bad_input_ends_in_one_line_and_leaves_nothing(
     assert result.err.count("\n") == 1
     assert re.search(message, result.err)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (["evaluate", "otb", "--trackers", "identity", "--threads", "3000000000"], "--threads"),
+        (["trax", "identity", "--threads", "3000000000"], "--threads"),
+        (["trax", "identity", "--fps", "inf"], "--fps"),
+    ],
+)
+def test_a_number_outside_its_bounds_is_refused(arguments: list[str], option: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == UNUSABLE
+    assert f"Invalid value for '{option}'" in result.output
 
 
 @pytest.mark.slow

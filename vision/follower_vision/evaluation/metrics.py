@@ -154,6 +154,7 @@ def mean_curves(curves: Sequence[OpeCurves]) -> OpeCurves:
 
 def temporal_starts(truth: Sequence[Box | None], number: int) -> list[int]:
     """Return up to `number` frames, evenly apart, to start from: each has a box and a successor."""
+    number = min(number, len(truth))
     wanted = [len(truth) * index // number for index in range(number)]
     present = [k for k, box in enumerate(truth) if box and any(truth[k + 1 :])]
     later = (next((k for k in present if k >= frame), None) for frame in wanted)
