@@ -59,7 +59,7 @@ def install(
     models = _models_folder(name)
     files = {
         _UNIT: _unit(name, config, models),
-        _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera or ''}\nSELECT={select}\n",
+        _ENVIRONMENT: _environment(CONNECT=connect, CAMERA=camera or "", SELECT=select),
         _RULES: _rules(connect),
     }
     # Or the service would fail every five seconds.
@@ -80,6 +80,16 @@ def install(
         typer.echo(_write(path, text, 0o600 if path == root / _ENVIRONMENT else 0o644))
     typer.echo("Now type: sudo udevadm control --reload && sudo udevadm trigger")
     typer.echo("          sudo systemctl daemon-reload && sudo systemctl enable --now follower")
+
+
+def _environment(**values: str) -> str:
+    """Return systemd's EnvironmentFile, to which a bare backslash or quote is more than itself."""
+    return "".join(f"{name}={_quoted(value)}\n" for name, value in values.items())
+
+
+def _quoted(value: str) -> str:
+    escaped = re.sub(r'["\\`$]', r"\\\g<0>", value)
+    return value if re.fullmatch(r"[\w./:@,+-]*", value) else f'"{escaped}"'
 
 
 def _write(path: Path, text: str, mode: int) -> Path:
