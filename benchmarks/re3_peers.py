@@ -8,6 +8,8 @@ Writes runs/train/KIND/KIND.onnx, which runs wherever a tracker is named.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import command_line
@@ -16,8 +18,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from follower.training.re3.network import Re3Answer, Re3Module, Re3ModuleState, centred
-from follower.training.re3.run import train_re3
+from follower.training.re3.run import RE3
 from follower.training.re3.settings import Re3Config, Re3TrainingSettings, TrainingStage
+from follower.training.re3.trainer import Re3Trainer
 from follower.training.settings import RUNS
 from follower_vision.trackers.re3 import PLACES, SEARCH_PX
 
@@ -140,7 +143,8 @@ def main() -> None:
         training=Re3TrainingSettings(stages=stages, validate_every=500),
     )
     folder = RUNS / config.name
-    train_re3(config, folder, torch.device("cpu"), network_type=network_type)
+    training = replace(RE3, make_trainer=partial(Re3Trainer, network_type=network_type))
+    training.run(config, folder, torch.device("cpu"))
 
 
 if __name__ == "__main__":

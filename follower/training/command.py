@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -16,6 +16,7 @@ from follower_control.common.strict_config import SettingsError, parse
 
 if TYPE_CHECKING:
     from follower.training.onnx_export import ExportedNetwork
+    from follower.training.tracker_training import TrackerTraining
 
 _DETECTOR_EPILOG = """
 **Examples**
@@ -156,14 +157,7 @@ def _train_re3(
     Gives the network, its card, the log and a picture of what it learns from. About an hour on one
     core.
     """
-    check_extra("training", "train", "torch", "onnx")
-    from follower.training.re3.run import train_re3
-    from follower.training.re3.settings import Re3Config
-
-    settings, folder = _read_recipe(
-        "re3", Re3Config, config, overrides, out, resume, pictures=pictures
-    )
-    _print_files(train_re3(settings, folder, find_device(device), resume is not None))
+    _train_tracker("re3", config, overrides, pictures, out, resume, device)
 
 
 @train_app.command("siamese", epilog=_SIAMESE_EPILOG)
@@ -180,14 +174,31 @@ def _train_siamese(
     Gives the networks, their cards, the log and a picture of what it learns from. An hour and a
     half on two cores.
     """
-    check_extra("training", "train", "torch", "onnx")
-    from follower.training.siamese.run import train_siamese
-    from follower.training.siamese.settings import SiameseConfig
+    _train_tracker("siamese", config, overrides, pictures, out, resume, device)
 
+
+def _train_tracker(
+    kind: str,
+    config: Path | None,
+    overrides: list[str] | None,
+    pictures: Path | None,
+    out: Path,
+    resume: Path | None,
+    device: str,
+) -> None:
+    check_extra("training", "train", "torch", "onnx")
+    training = _tracker_trainings()[kind]
     settings, folder = _read_recipe(
-        "siamese", SiameseConfig, config, overrides, out, resume, pictures=pictures
+        kind, training.config_type, config, overrides, out, resume, pictures=pictures
     )
-    _print_files(*train_siamese(settings, folder, find_device(device), resume is not None))
+    _print_files(*training.run(settings, folder, find_device(device), resume is not None))
+
+
+def _tracker_trainings() -> dict[str, TrackerTraining[Any, Any]]:
+    from follower.training.re3.run import RE3
+    from follower.training.siamese.run import SIAMESE
+
+    return {"re3": RE3, "siamese": SIAMESE}
 
 
 @train_app.command("fusion", epilog=_FUSION_EPILOG)
@@ -254,23 +265,12 @@ def export_command(
 
     from follower.training.trainer import load_checkpoint
 
-    cpu = torch.device("cpu")
-    kind = load_checkpoint(folder, cpu).get("kind")
-    if kind == "siamese":
-        from follower.training.siamese.run import train_siamese
-        from follower.training.siamese.settings import SiameseConfig
-
-        siamese, _ = _read_recipe(kind, SiameseConfig, resume=folder)
-        exported = train_siamese(siamese, folder, cpu, resume=True, export_only=True)
-    elif kind == "re3":
-        from follower.training.re3.run import train_re3
-        from follower.training.re3.settings import Re3Config
-
-        re3, _ = _read_recipe(kind, Re3Config, resume=folder)
-        exported = [train_re3(re3, folder, cpu, resume=True, export_only=True)]
-    else:
+    kind = str(load_checkpoint(folder, torch.device("cpu")).get("kind"))
+    training = _tracker_trainings().get(kind)
+    if training is None:
         raise SettingsError(f"{folder}: this is no training of a motion tracker")
-    for one in exported:
+    settings, _ = _read_recipe(kind, training.config_type, resume=folder)
+    for one in training.export(settings, folder):
         typer.echo(f"{one.path}\nsha256 {one.sha256}")
 
 

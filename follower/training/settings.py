@@ -5,7 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveInt
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveInt,
+)
 from pydantic.dataclasses import dataclass
 
 from follower_control.common.strict_config import SettingsError
@@ -40,6 +47,19 @@ class TrainingPlan:
     threads: PositiveInt = 1
 
 
+@dataclass(frozen=True, slots=True, config=STRICT)
+class TrackerTrainingPlan(TrainingPlan):
+    """What the trainings of both motion trackers have besides.
+
+    Attributes:
+        seed: of scenes, batches and first weights.
+        worlds: of the simulator, whose views and bodies join the pictures.
+    """
+
+    seed: NonNegativeInt = 1
+    worlds: NonNegativeInt = 0
+
+
 class TrainingConfig(BaseModel):
     """What a training is called, and the licence of its result."""
 
@@ -58,6 +78,7 @@ class TrackerTrainingConfig(TrainingConfig):
     """Where the pictures come from, for the model card."""
     pictures: Path | None = None
     """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
+    training: TrackerTrainingPlan
 
 
 def find_device(name: str) -> torch.device:

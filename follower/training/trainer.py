@@ -5,13 +5,12 @@ import csv
 import io
 import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import cv2
 import torch
-import typer
 import yaml
 from rich.progress import MofNCompleteColumn, Progress
 from torch import Tensor, nn
@@ -21,7 +20,6 @@ from follower.training.settings import TrainingConfig, TrainingPlan
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole_bytes
-from follower_vision.images.frame import Image
 
 CHECKPOINT, CONFIG, LOG, SAMPLES = "checkpoint.pt", "config.yaml", "log.csv", "samples.png"
 _SMOOTHED = 0.97
@@ -146,21 +144,6 @@ def open_folder(
     state = load_checkpoint(folder, device) if resume else None
     folder.mkdir(parents=True, exist_ok=True)
     return state
-
-
-def begin(
-    trainer: Trainer[Any], folder: Path, state: dict[str, Any] | None, draw: Callable[[], Image]
-) -> None:
-    """Go on from a state, or, where there is none, write a picture of what is learnt from.
-
-    Raises:
-        SettingsError: the state belongs to another network.
-    """
-    if state is not None:
-        trainer.restore(state)
-        return
-    cv2.imwrite(str(folder / SAMPLES), draw())
-    typer.echo(f"{folder / SAMPLES}: look at it.")
 
 
 def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:

@@ -20,9 +20,8 @@ from follower.training.re3.network import Re3Module, Re3ModuleState
 from follower.training.re3.settings import Re3Config
 from follower.training.re3.trainer import Re3Trainer
 from follower.training.scenes.generator import SceneMaker
-from follower.training.scenes.image_pool import image_source
 from follower.training.scenes.scene import Scene
-from follower.training.trainer import begin, open_folder, train
+from follower.training.tracker_training import TrackerTraining
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.trackers.re3 import (
@@ -136,39 +135,7 @@ _WHOLE_PX = (342, 256)
 _FITTING, _DRAWN, _ANSWER = (80, 220, 60), (60, 170, 255), (80, 220, 60)
 
 
-def train_re3(
-    config: Re3Config,
-    folder: Path,
-    device: torch.device,
-    resume: bool = False,
-    network_type: type[Re3Module] = Re3Module,
-    export_only: bool = False,
-) -> ExportedNetwork:
-    """Train, measure and export.
-
-    Args:
-        config: what is trained.
-        folder: where everything is written.
-        device: where it computes.
-        resume: go on from the folder's checkpoint.
-        network_type: the network's class.
-        export_only: do no more steps.
-
-    Raises:
-        SettingsError: the pictures or the checkpoint cannot be used.
-    """
-    training = config.training
-    state = open_folder(training, folder, device, resume)
-    pictures = image_source(config.pictures, folder, training.seed, training.worlds)
-    trainer = Re3Trainer(training, pictures, device, network_type)
-    maker = SceneMaker(pictures, training.scenes, training.seed)
-    begin(trainer, folder, state, lambda: sample_sheet(maker))
-    if not export_only:
-        train(trainer, config, folder)
-    return finish(trainer, config, folder)
-
-
-def finish(trainer: Re3Trainer, config: Re3Config, folder: Path) -> ExportedNetwork:
+def write_re3(trainer: Re3Trainer, config: Re3Config, folder: Path) -> list[ExportedNetwork]:
     """Write the network of a training and its card, NAME.onnx and NAME.md."""
     calibration = calibrated(trainer.track_held_out(1))
     exported = export_re3(trainer.averaged, folder / f"{config.name}.onnx", calibration)
@@ -192,7 +159,7 @@ def finish(trainer: Re3Trainer, config: Re3Config, folder: Path) -> ExportedNetw
         "docs/how-to/train-re3.md lists."
     )
     write_card(exported, config, trainer.averaged, about, rows)
-    return exported
+    return [exported]
 
 
 def sample_sheet(maker: SceneMaker) -> Image:
@@ -235,3 +202,6 @@ def _example(example: Example) -> Image:
 def _draw(image: Image, box: Box, colour: tuple[int, int, int], thickness: int = 2) -> None:
     first, last = (round(box.left), round(box.top)), (round(box.right), round(box.bottom))
     cv2.rectangle(image, first, last, colour, thickness, cv2.LINE_AA)
+
+
+RE3 = TrackerTraining(Re3Config, Re3Trainer, lambda trainer: sample_sheet(trainer.maker), write_re3)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Annotated
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from follower.training.scenes.generator import SceneSettings
-from follower.training.settings import STRICT, Share, TrackerTrainingConfig, TrainingPlan
+from follower.training.settings import STRICT, Share, TrackerTrainingConfig, TrackerTrainingPlan
 
 _Units = Annotated[int, Field(ge=8)]
 
@@ -58,24 +58,20 @@ class TrainingStage:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class Re3TrainingSettings(TrainingPlan):
+class Re3TrainingSettings(TrackerTrainingPlan):
     """Everything that decides how the weights come out.
 
     Attributes:
-        seed: of scenes, batches and first weights.
         stages: one after the other.
         network: its size.
         scenes: how hard they are.
-        worlds: of the simulator, whose views and bodies join the pictures.
         validation_scenes: how many held-out scenes are tracked in a validation.
         validation_frames: how long each is.
     """
 
-    seed: NonNegativeInt = 1
     stages: Annotated[tuple[TrainingStage, ...], Field(min_length=1)] = (TrainingStage(steps=100),)
     network: Re3NetworkSettings = field(default_factory=Re3NetworkSettings)
     scenes: SceneSettings = field(default_factory=SceneSettings)
-    worlds: NonNegativeInt = 0
     validation_scenes: PositiveInt = 16
     validation_frames: Annotated[int, Field(ge=2)] = 24
 

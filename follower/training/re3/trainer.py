@@ -89,6 +89,9 @@ class Re3Trainer(Trainer[Re3Module]):
         pictures: what the scenes are made of.
         device: where to compute.
         network_type: the network's class.
+
+    Attributes:
+        maker: of the scenes that are learnt from.
     """
 
     kind = "re3"
@@ -111,7 +114,7 @@ class Re3Trainer(Trainer[Re3Module]):
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         steps = sum(stage.steps for stage in settings.stages)
         super().__init__(network, settings, steps, asdict(settings.network))
-        self._maker = SceneMaker(pictures, settings.scenes, settings.seed)
+        self.maker = SceneMaker(pictures, settings.scenes, settings.seed)
         self._held_out = SceneMaker(pictures, settings.scenes, settings.seed + _HELD_OUT)
 
     def train_step(self) -> dict[str, float]:
@@ -169,7 +172,7 @@ class Re3Trainer(Trainer[Re3Module]):
     def _pairs(self, stage: TrainingStage) -> Re3Loss:
         rng = np.random.default_rng((self.settings.seed, self.step_number, 1))
         count = max(2, -(-stage.batch // _PAIRS_A_SCENE))
-        scenes = [self._maker.scene(self._number(index), _PAIR_FRAMES) for index in range(count)]
+        scenes = [self.maker.scene(self._number(index), _PAIR_FRAMES) for index in range(count)]
         examples = [pair(rng, scenes[index % count]) for index in range(stage.batch)]
         batch = Batch(swapped(rng, examples), self.device)
         memory = self.network.memory(batch.memory)
@@ -181,7 +184,7 @@ class Re3Trainer(Trainer[Re3Module]):
         rng = np.random.default_rng((self.settings.seed, self.step_number, 2))
         stride = int(rng.choice([1, 1, 2]))
         frames = stride * stage.unroll + 1
-        scenes = [self._maker.scene(self._number(index), frames) for index in range(stage.batch)]
+        scenes = [self.maker.scene(self._number(index), frames) for index in range(stage.batch)]
         own = [bool(rng.uniform() < stage.own_boxes) for _ in scenes]
         rollout = Rollout(self.network, scenes, self.device)
         losses = []

@@ -15,7 +15,6 @@ from follower.training.onnx_export import (
     store_as_half,
     write_card,
 )
-from follower.training.scenes.image_pool import image_source
 from follower.training.siamese.examples import Batch
 from follower.training.siamese.network import (
     CELLS,
@@ -27,43 +26,16 @@ from follower.training.siamese.network import (
 )
 from follower.training.siamese.settings import SiameseConfig
 from follower.training.siamese.trainer import SiameseTrainer
-from follower.training.trainer import begin, open_folder, train
+from follower.training.tracker_training import TrackerTraining
 from follower_vision.images.frame import Image
 
 _COLUMNS = 6
 _VISIBLE, _ABSENT = (80, 220, 60), (60, 60, 255)
 
 
-def train_siamese(
-    config: SiameseConfig,
-    folder: Path,
-    device: torch.device,
-    resume: bool = False,
-    export_only: bool = False,
+def write_siamese(
+    trainer: SiameseTrainer, config: SiameseConfig, folder: Path
 ) -> list[ExportedNetwork]:
-    """Train, measure and export.
-
-    Args:
-        config: what is trained.
-        folder: where everything is written.
-        device: where it computes.
-        resume: go on from the folder's checkpoint.
-        export_only: do no more steps.
-
-    Raises:
-        SettingsError: the pictures or the checkpoint cannot be used.
-    """
-    training = config.training
-    state = open_folder(training, folder, device, resume)
-    pictures = image_source(config.pictures, folder, training.seed, training.worlds)
-    trainer = SiameseTrainer(training, pictures, device)
-    begin(trainer, folder, state, lambda: sample_sheet(trainer.batch(0)))
-    if not export_only:
-        train(trainer, config, folder)
-    return finish(trainer, config, folder)
-
-
-def finish(trainer: SiameseTrainer, config: SiameseConfig, folder: Path) -> list[ExportedNetwork]:
     """Write both networks of a training, NAME_backbone.onnx and NAME_head.onnx, and their cards."""
     backbone, head = export_siamese(trainer.averaged, folder / config.name)
     training = config.training
@@ -162,3 +134,11 @@ def _tile(batch: Batch, number: int) -> Image:
     cv2.rectangle(search, first, last, _VISIBLE if batch.visible[number] else _ABSENT, 1)
     blank = np.zeros((SEARCH_PX - TEMPLATE_PX, TEMPLATE_PX, 3), np.uint8)
     return np.asarray(np.hstack([np.vstack([template, blank]), search]))
+
+
+SIAMESE = TrackerTraining(
+    SiameseConfig,
+    SiameseTrainer,
+    lambda trainer: sample_sheet(trainer.batch(0)),
+    write_siamese,
+)

@@ -9,7 +9,7 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from follower.training.scenes.generator import SceneSettings
-from follower.training.settings import STRICT, TrackerTrainingConfig, TrainingPlan
+from follower.training.settings import STRICT, TrackerTrainingConfig, TrackerTrainingPlan
 
 _Units = Annotated[int, Field(ge=8)]
 
@@ -28,30 +28,26 @@ class SiameseNetworkSettings:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class SiameseTrainingSettings(TrainingPlan):
+class SiameseTrainingSettings(TrackerTrainingPlan):
     """Everything that decides how the weights come out.
 
     Attributes:
-        seed: of scenes, batches and first weights.
         steps: of the optimiser.
         batch: pairs of crops a step.
         rate: learning rate, after a warm-up; it falls to nothing as a cosine.
         network: its size.
         scenes: how hard they are.
         scene_frames: how long a scene is, from which pairs are taken.
-        worlds: of the simulator, whose views and bodies join the pictures.
         held_out: pairs of held-out scenes that a validation looks at.
         workers: processes that draw scenes; what is learnt does not depend on them.
     """
 
-    seed: NonNegativeInt = 1
     steps: PositiveInt = 100
     batch: Annotated[int, Field(ge=2)] = 32
     rate: PositiveFloat = 2e-3
     network: SiameseNetworkSettings = field(default_factory=SiameseNetworkSettings)
     scenes: SceneSettings = field(default_factory=SceneSettings)
     scene_frames: PositiveInt = 48
-    worlds: NonNegativeInt = 0
     held_out: PositiveInt = 256
     workers: NonNegativeInt = 1
 
