@@ -421,7 +421,10 @@ def test_a_v4l2_camera_gives_what_is_asked_with_the_drivers_times() -> None:
         open_source(path, capture=CaptureSettings(controls={"exposure": 1}))
 
 
-def test_a_silent_address_is_one_line_without_its_password() -> None:
+def test_a_silent_address_is_one_line_without_its_password(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("follower_vision.sources.live_source._JOIN_S", 0.1)  # it hangs, as it is to
     settings = LiveSettings(first_frame_s=0.5, retry_s=0.05)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"rtsp://pilot:se@cret@127.0.0.1:{server.getsockname()[1]}/live"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import cv2
@@ -396,6 +397,7 @@ SEQUENCES = {
 }
 
 
+@functools.cache
 def real_frames() -> list[tuple[np.ndarray, Box, set[str]]]:
     frames = []
     for name, classes in SEQUENCES.items():
