@@ -103,19 +103,18 @@ def _load(s: CompanionSnapshot) -> PreflightFinding:
     return graded(text, "end other programs", good=share < _BUSY, usable=share < _TOO_BUSY)
 
 
-def read_computer(folder: Path, root: Path = _ROOT) -> ComputerReading:
+def read_computer(folder: Path) -> ComputerReading:
     """Read everything; what cannot be read is None.
 
     Args:
         folder: where the recording is to go; it need not exist yet.
-        root: stands for "/", where "sys" and "proc" are.
     """
     return ComputerReading(
         free_bytes(folder),
         str(folder),
-        temperature_c(root),
-        throttled(root),
-        load_per_core(root),
+        temperature_c(),
+        throttled(),
+        load_per_core(),
         can_be_written(folder),
     )
 
