@@ -336,11 +336,13 @@ def _read_recipe(
     chosen = {text.partition("=")[0] for text in overrides or ()}
     more = {key: str(value) for key, value in given.items() if value and key not in chosen}
     settings = parse(model, data | more, source)
-    if own and config and settings != _read_recipe(kind, model, config, overrides, **given)[0]:
-        raise SettingsError(
-            f"--config {config}: this training goes on with {own}, which says otherwise; leave out "
-            "--config, and change single keys by --set"
-        )
+    if own and config:
+        named, _ = _read_recipe(kind, model, config, overrides, out, None, **given)
+        if settings != named:
+            raise SettingsError(
+                f"--config {config}: this training goes on with {own}, which says otherwise; leave "
+                "out --config, and change single keys by --set"
+            )
     return settings, resume or out / settings.name
 
 
