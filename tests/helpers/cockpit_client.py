@@ -7,6 +7,7 @@ import json
 from functools import partial
 from typing import Any
 
+import httpx
 import numpy as np
 from websockets.sync import client as sync_client
 from websockets.sync.client import ClientConnection
@@ -18,6 +19,7 @@ PATIENCE_S = 60.0
 LOOPBACK = ipaddress.ip_address("127.0.0.1")
 TOKEN = "a token of some length"
 connect = partial(sync_client.connect, open_timeout=PATIENCE_S)
+get, post = (partial(one, timeout=PATIENCE_S) for one in (httpx.get, httpx.post))
 CONSENT = REQUESTS.validate_python({"kind": "consent", "given": True})
 
 

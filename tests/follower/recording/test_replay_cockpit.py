@@ -9,17 +9,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
+from cockpit_client import PATIENCE_S, connect, get
 from program import RunningProgram
-from websockets.sync.client import connect
 
 from follower.apps.replay.playback_page import Player
 from follower.apps.replay.replay import replay_settings
 from follower.recording import open_flight
 from follower.ui.cockpit.recordings_api import RecordingFolder
-
-PATIENCE_S = 60.0
 
 
 class Station:
@@ -60,7 +57,7 @@ def test_an_end_in_a_gap_of_the_flight_ends_it(small_flight: Any, tmp_path: Path
     time.sleep(1.0)
     assert playing.is_alive()
     player.stop()
-    playing.join(5.0)
+    playing.join(PATIENCE_S)
     assert not playing.is_alive()
 
 
@@ -77,7 +74,7 @@ def test_a_flight_is_played_and_then_the_one_that_is_chosen(
 
 
 def watch(url: str) -> None:
-    names = {flight["name"] for flight in httpx.get(f"{url}/api/flights").json()}
+    names = {flight["name"] for flight in get(f"{url}/api/flights").json()}
     assert {"first", "second"} <= names
     with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
         wait(client, lambda m: m["kind"] == "hello" and m["page"]["mode"] == "replay")

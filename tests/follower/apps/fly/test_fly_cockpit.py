@@ -10,18 +10,17 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
+from cockpit_client import PATIENCE_S, connect, get
 from flying_vehicle import PATIENT
 from plugin_packages import Site
 from program import RunningProgram
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 
-PATIENCE_S = 60.0
 ROOT = Path(__file__).parents[4]
 EXAMPLE = ROOT / "examples" / "follower-template-tracker" / "follower_template_tracker.py"
 SQUARE = {"left": 0.58, "top": 0.4, "right": 0.73, "bottom": 0.6}
@@ -71,7 +70,7 @@ def test_choose_follow_and_lose_the_page(
     there = vehicle("px4", 12.0)
     url = url_of(flight)
     flight.wait(lambda: "Following what the cockpit selects" in flight.said)
-    checks = httpx.get(f"{url}/api/page").json()["preflight"]
+    checks = get(f"{url}/api/page").json()["preflight"]
     assert {"name": "camera", "verdict": "pass"}.items() <= named(checks, "camera").items()
     with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
         flight.wait(lambda: "state" in state(client))
@@ -112,13 +111,12 @@ def test_the_page_shows_what_a_packages_tracker_follows(
         with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
             client.send(json.dumps({"kind": "select_box", "id": 1, **SQUARE}))
             flight.wait(lambda: state(client).get("track") == "tracking")
-            flight.wait(lambda: target(client) == ("tracking", "peak"))
+            flight.wait(lambda: targets(client) == [("tracking", "peak")])
 
 
-def target(client: ClientConnection) -> tuple[str, str]:
-    """Return the state of the one track that the page is told next, and what found it."""
-    (track,) = told(client, "track")["tracks"]
-    return track["state"], track["by"]
+def targets(client: ClientConnection) -> list[tuple[str, str]]:
+    """Return the state of each track that the page is told next, and what found it."""
+    return [(track["state"], track["by"]) for track in told(client, "track")["tracks"]]
 
 
 def named(checks: list[dict[str, Any]], name: str) -> dict[str, Any]:
