@@ -7,9 +7,8 @@ import math
 import re
 from typing import Any
 
-import httpx
 import pytest
-from cockpit_client import PATIENCE_S, TOKEN
+from cockpit_client import PATIENCE_S, TOKEN, get
 from prometheus_client.parser import text_string_to_metric_families
 from waiting import until
 
@@ -35,7 +34,7 @@ STATUS = LiveStatus(
 
 def metrics(url: str, **headers: str) -> dict[tuple[str, ...], float]:
     """Return each sample: its name and its labels' values, and its value."""
-    answer = httpx.get(f"{url}/metrics", headers=headers).raise_for_status()
+    answer = get(f"{url}/metrics", headers=headers).raise_for_status()
     assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
     families = text_string_to_metric_families(answer.text)
     return {
@@ -63,7 +62,7 @@ def test_what_is_known_is_a_metric_in_base_units_and_the_rest_is_left_out(served
     assert found["follower_velocity_meters_per_second", "down", "asked"] == -0.25
     assert found["follower_yaw_rate_degrees_per_second", "asked"] == pytest.approx(10)
     assert 0 <= found["follower_state_age_seconds",] < PATIENCE_S
-    told = httpx.get(f"{served.url}/api/state").json()
+    told = get(f"{served.url}/api/state").json()
     assert 0 <= told["at"] - told["told_s"] < PATIENCE_S
     names = {name for name, *_ in found}
     assert names.isdisjoint({"follower_elevation_error_degrees", "follower_height_meters"})
@@ -87,7 +86,7 @@ def test_before_the_first_state_nothing_is_said_of_the_flight_and_a_token_is_wan
 ) -> None:
     (tmp_path / "token").write_text(TOKEN, "utf-8")
     served = serve(f"cockpit.token_file={tmp_path / 'token'}")
-    assert httpx.get(f"{served.url}/metrics").status_code == 401
+    assert get(f"{served.url}/metrics").status_code == 401
     bearer = f"Bearer {TOKEN}"
     assert metrics(served.url, authorization=bearer) == {("follower_cockpit_clients",): 0}
 

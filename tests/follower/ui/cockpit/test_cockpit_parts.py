@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cockpit_client import PATIENCE_S
 
 from follower.flight.lockstep import Pacer
 from follower.flight.log import FlightLog
@@ -72,7 +73,7 @@ def test_the_detector_is_made_when_somebody_wants_to_see_objects() -> None:
     assert not shown.wait(0.1)
     assert not made
     objects.want("me", True)
-    assert shown.wait(10)
+    assert shown.wait(PATIENCE_S)
     objects.want("me", False)
 
 
@@ -87,7 +88,7 @@ def test_a_missing_network_is_said() -> None:
         told.set()
 
     Objects(make, lambda: FRAME, print, say, MonotonicClock()).want("me", True)
-    assert told.wait(10)
+    assert told.wait(PATIENCE_S)
     assert "no such network" in said[0]
 
 
@@ -96,7 +97,7 @@ def test_numbers_do_not_outlive_their_detector(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(threading, "excepthook", lambda _: ended.set())
     monkeypatch.setattr(TwoCars, "detect", lambda *_: 1 / 0)
     Objects(TwoCars, lambda: FRAME, shown.append, said.append, MonotonicClock()).want("me", True)
-    assert ended.wait(10)
+    assert ended.wait(PATIENCE_S)
     assert shown == [[]]
     assert "any more" in said[0]
 
@@ -144,7 +145,7 @@ def test_a_moment_has_no_number_that_json_does_not_know() -> None:
 def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
     told = threading.Semaphore(0)
     with PeriodicPublisher(told.release):
-        assert all(told.acquire(timeout=10) for _ in range(3))
+        assert all(told.acquire(timeout=PATIENCE_S) for _ in range(3))
     while told.acquire(blocking=False):
         pass
     assert not told.acquire(timeout=0.3)
@@ -167,7 +168,7 @@ def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) 
         for number in range(1, 20):
             await asyncio.sleep(0.02)
             stream.show(Picture(FRAME.image, number, float(number)))
-        await asyncio.wait_for(task, 10)
+        await asyncio.wait_for(task, PATIENCE_S)
         await asyncio.sleep(0.02)
         return len(taken), stream._readers
 
