@@ -7,13 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from video_sender import sending
+from waiting import until
 
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.live_source import LiveSettings, LiveSource
 from follower_vision.sources.open import is_live, open_source
 
-QUICK = LiveSettings(first_frame_s=8.0, retry_s=0.02, longest_retry_s=0.1)
+QUICK = LiveSettings(first_frame_s=60.0, retry_s=0.02, longest_retry_s=0.1)
 
 
 def picture(number: int) -> np.ndarray:
@@ -65,13 +66,11 @@ def test_a_sender_that_stops_and_starts_again_is_found_again(free_port):
     with sending_udp(port):
         source = open_source(f"udp://127.0.0.1:{port}", live=QUICK)
         last = source.read()
-    time.sleep(2.5)
-    with source, sending_udp(port):
-        end = time.monotonic() + 30
-        while source.connections < 2 and time.monotonic() < end:
+    with source:
+        until(lambda: source.problem)
+        with sending_udp(port):
+            until(lambda: source.connections >= 2 and source.problem is None)
             frame = source.read()
-        frame = source.read()
-    assert source.connections >= 2
     assert frame.captured_s > last.captured_s + 2
     assert frame.sequence > last.sequence
 
@@ -79,10 +78,9 @@ def test_a_sender_that_stops_and_starts_again_is_found_again(free_port):
 def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows(late_s):
     with LiveSource(lambda: FakeCamera(400), MonotonicClock(), QUICK) as source:
         first = source.read()
-        time.sleep(0.3)
+        until(lambda: source.skipped > 5)
         before = MonotonicClock().now()
         late = source.read()
-    assert late.sequence - first.sequence > 5
     assert before - late.captured_s < 0.25 + late_s()
     assert source.skipped >= late.sequence - first.sequence - 1
 
@@ -103,7 +101,7 @@ def test_it_connects_again_after_a_break_and_numbers_go_on():
 
 
 @pytest.mark.slow
-def test_the_pauses_between_attempts_grow():
+def test_the_pauses_between_attempts_grow_up_to_the_longest(late_s):
     attempts = []
 
     def connect():
@@ -112,11 +110,12 @@ def test_the_pauses_between_attempts_grow():
 
     settings = LiveSettings(retry_s=0.02, longest_retry_s=0.16)
     with LiveSource(connect, MonotonicClock(), settings) as source:
-        time.sleep(0.8)
+        until(lambda: len(attempts) >= 7)
         assert source.problem == "camera: not there; plug it in"
-    pauses = np.diff(attempts)
-    assert 3 <= len(attempts) <= 9
-    assert pauses[-1] > 0.1
+    at_least_s = [0.02, 0.04, 0.08, 0.16, 0.16, 0.16]
+    excess_s = np.diff(attempts[:7]) - at_least_s
+    assert excess_s.min() > -0.005
+    assert excess_s.max() < 0.02 + late_s()
 
 
 def test_an_error_of_a_library_is_no_end_either():
