@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console as Terminal
+from waiting import until
 
 from follower.flight.target.request import ClearSelection, PointSelection
 from follower_vision.geometry.box import Box
@@ -52,6 +53,7 @@ class Console:
 
     def __init__(self, rig: Any, folder: Path) -> None:
         self._rig, self._log, self._read = rig, folder / "console.txt", 0
+        self.each_step: Callable[[], None] = lambda: None
         program = Path(sys.executable).parent / "mavproxy.py"
         options = ["--default-modules=link", "--no-state", "--target-system=1"]
         with self._log.open("a") as log:
@@ -85,7 +87,13 @@ class Console:
         self._read += found.end()
         return found[0]
 
+    def status(self) -> str:
+        """Return what is said when it is asked for: by what MAVProxy has heard until then."""
+        self.type("follower status")
+        return self.wait("follower: .*")
+
     def pass_time(self) -> None:
+        self.each_step()
         self._rig.run(0.02)
         time.sleep(0.02)
 
@@ -133,15 +141,11 @@ def test_the_status_follows_the_track_and_says_what_was_said(
     console.type("follower select 0.45 0.45 0.55 0.55")
     console.wait("follower: accepted")
     assert rig.requests.take_target() is not None
-    for _ in range(40):
-        rig.show(Box(320, 240, 64, 48))
-        console.pass_time()
-    console.type("follower status")
-    console.wait(r"follower: tracking, box 0\.450 0\.450 0\.550 0\.550")
+    console.each_step = lambda: rig.show(Box(320, 240, 64, 48))
+    until(lambda: re.search(r"tracking, box 0\.450 0\.450 0\.550 0\.550", console.status()))
     console.type("follower select 0.5 0.5 0.5001 0.5001")
     console.wait("follower: denied")
-    console.type("follower status")
-    console.wait("it said: .*rectangle")
+    until(lambda: re.search("it said: .*rectangle", console.status()))
     console.type("follower release")
     console.wait("follower: accepted")
     shown = Terminal(record=True, width=100, file=io.StringIO())
