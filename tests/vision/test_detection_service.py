@@ -30,7 +30,7 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import IdentityTracker
 
-WAIT_S = 10.0
+WAIT_S = 60.0
 BOX = Box(120, 170, 40, 40)
 IMAGE: Image = np.zeros((480, 640, 3), np.uint8)
 GROUND = np.random.default_rng(3).integers(0, 120, (480, 640, 3), np.uint8)
@@ -280,6 +280,6 @@ while not began:
 def test_a_program_that_ends_lets_the_detection_finish() -> None:
     """A thread that is cut off inside a network ends the program with an abort."""
     left = subprocess.run(
-        [sys.executable, "-c", _LEAVES_AT_ONCE], capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", _LEAVES_AT_ONCE], capture_output=True, text=True, timeout=WAIT_S
     )
     assert (left.returncode, left.stdout) == (0, "finished\n")

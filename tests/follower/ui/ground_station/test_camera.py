@@ -384,7 +384,7 @@ def test_an_error_that_ends_it_is_told(rig: Any, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(rig.station, "step", fail)
     rig.station.start()
-    rig.station._thread.join(5.0)
+    rig.station._thread.join(60.0)
     assert any("nobody answers" in note for note in rig.requests.take().notes)
 
 

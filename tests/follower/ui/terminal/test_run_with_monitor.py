@@ -12,7 +12,7 @@ from follower.ui.terminal.interrupt import run_watched, stop_signals
 
 def test_the_result_comes_back_and_somebody_looked_meanwhile() -> None:
     looked = threading.Event()
-    result, interrupted = run_watched(lambda: looked.wait(10), looked.set, lambda: None)
+    result, interrupted = run_watched(lambda: looked.wait(60), looked.set, lambda: None)
     assert result
     assert not interrupted
 
@@ -30,7 +30,7 @@ def test_ctrl_c_stops_the_work_and_breaks_off_nothing_that_the_watcher_does(
             looks.append(1)
 
     def work() -> str:
-        assert stop.wait(10)
+        assert stop.wait(60)
         with lock:
             return "in order"
 
@@ -50,7 +50,7 @@ def test_errors_of_the_work_and_of_the_watcher_are_raised_and_end_the_other() ->
         run_watched(fail, lambda: None, stop.set)
     assert not stop.is_set()
     with pytest.raises(ValueError, match="broken"):
-        run_watched(lambda: stop.wait(10), fail, stop.set)
+        run_watched(lambda: stop.wait(60), fail, stop.set)
     assert stop.is_set()
 
 
