@@ -124,6 +124,11 @@ def time_panels(
     return figure, axes
 
 
+def literal(name: str) -> str:
+    """Return a name, which anyone may have chosen, as text in which `$` begins no formula."""
+    return name.replace("$", r"\$")
+
+
 def curve(
     axes: Axes, time: Array, values: Array, colour: Colour, label: str = "", *, width: float = 1.3
 ) -> None:

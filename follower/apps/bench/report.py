@@ -148,7 +148,7 @@ def _plot(axes: Axes, panel: _Panel, names: Sequence[str]) -> None:
         )
     for limit in panel.limits:
         axes.axvline(limit, color=style.MUTED.light, linewidth=1, linestyle=(0, (5, 3)))
-    axes.set_yticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), [style.literal(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(left=0)
     axes.set(title=panel.title, xlabel=panel.label)

@@ -120,7 +120,7 @@ def _plot(
         order = sorted(range(len(rows)), key=lambda index: -curves[index][1])
         for index in order:
             line, (shares, value) = styles[rows[index].tracker], curves[index]
-            label = f"{value:.3f} {rows[index].tracker}"
+            label = style.literal(f"{value:.3f} {rows[index].tracker}")
             colour = line.colour.light
             axes.plot(thresholds, shares, color=colour, linestyle=line.dash, label=label)
         axes.set(xlabel=xlabel, ylabel="share of frames", title=title)
@@ -145,7 +145,8 @@ def attribute_plot(rows: Sequence[AttributeRow], styles: Mapping[str, LineStyle]
                 line = styles[row.tracker]
                 place = (row.score.auc, names.index(row.attribute))
                 axes.plot(*place, line.marker, color=line.colour.light, markersize=5)
-        axes.set_yticks(range(len(names)), [f"{name} ({counts[name]})" for name in names])
+        labels = [style.literal(f"{name} ({counts[name]})") for name in names]
+        axes.set_yticks(range(len(names)), labels)
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.set_xlim(0, 1)
         axes.set(xlabel="area under the success curve")
@@ -311,9 +312,10 @@ def difference_plot(found: Sequence[Difference], styles: Mapping[str, LineStyle]
             axes.plot([paired.low, paired.high], [place, place], color=line.colour.light)
             axes.plot(paired.mean, place, line.marker, color=line.colour.light, markersize=5)
         axes.axvline(0, color=style.INK.light, linewidth=0.8)
-        axes.set_yticks(range(len(drawn)), labels)
+        axes.set_yticks(range(len(drawn)), [style.literal(one) for one in labels])
         axes.set_ylim(len(drawn) - 0.5, -0.5)
-        axes.set(xlabel=f"AUC minus that of {drawn[0].reference}, with 95 % intervals")
+        reference = style.literal(drawn[0].reference)
+        axes.set(xlabel=f"AUC minus that of {reference}, with 95 % intervals")
         svg = style.to_svg(figure, "differences", "differences of AUC")
     said = (
         f"Against {drawn[0].reference}, the first that was named, on the sequences that both ran. "

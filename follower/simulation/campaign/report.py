@@ -171,7 +171,7 @@ def _pass_rates(axes: Axes, name: str, rows: Sequence[Row]) -> None:
         share = good / count if count else 0.0
         axes.plot([place, place], [low, high], color=style.BLUE.light, linewidth=1.5)
         axes.plot([place], [share], "o", color=style.BLUE.light, markersize=4)
-    labels = [label for label, _ in groups]
+    labels = [style.literal(label) for label, _ in groups]
     crowded = sum(len(label.split("\n")[0]) for label in labels) > _LETTERS
     axes.set_xticks(range(len(groups)), labels, fontsize=6.5 if crowded else 7.5)
     axes.set_xlim(-0.5, len(groups) - 0.5)

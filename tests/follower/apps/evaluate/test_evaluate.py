@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -408,6 +409,17 @@ def test_a_name_with_brackets_is_shown_as_it_is(data: Path, tmp_path: Path) -> N
     plan = EvaluationPlan((data,), (), boxes=(f"[/v2]={tmp_path}",), out=tmp_path / "r")
     assert evaluate(plan, console) == 0
     assert "[/v2]" in console.export_text()
+
+
+def test_a_name_that_would_be_a_formula_is_drawn_as_it_is(data: Path, tmp_path: Path) -> None:
+    for name in copies(data, 3):
+        (tmp_path / f"{name}.txt").write_text((data / name / "groundtruth.txt").read_text())
+    boxes = (rf"$\frac$={tmp_path}", f"$v_2$={tmp_path}")
+    assert evaluate(EvaluationPlan((data,), (), boxes=boxes, out=tmp_path / "r"), quiet()) == 0
+    page = (tmp_path / "r/evaluate/report.html").read_text()
+    drawn = re.findall(r"<text[^>]*>(?:\d[.]\d+ )?([^<]*[$][^<]*)</text>", page)
+    axis = r"AUC minus that of $\frac$, with 95 % intervals"
+    assert set(drawn) == {r"$\frac$", "$v_2$", axis}
 
 
 @pytest.mark.slow
