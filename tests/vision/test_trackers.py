@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+import follower_vision
 from follower_vision.fusion.candidates import corners_of
 from follower_vision.geometry.box import Box
 from follower_vision.models import ModelStore
@@ -17,6 +19,7 @@ from follower_vision.trackers.motion_tracker import IdentityTracker, JoinedTrack
 from follower_vision.trackers.opencv import OPENCV_KINDS, opencv_tracker_names
 from follower_vision.trackers.registry import make_tracker, tracker_names
 
+WEIGHTS = Path(follower_vision.__file__).parent / "weights"
 NETLESS = [name for name in opencv_tracker_names() if not OPENCV_KINDS[name].files]
 
 
@@ -135,3 +138,13 @@ def test_a_start_beyond_the_edge_is_cut_to_the_image(name: str) -> None:
 def test_mil_refuses_boxes_on_which_opencv_would_never_end(box: Box) -> None:
     with pytest.raises(ValueError, match="mil tracker needs"):
         make_tracker("mil", no_file).start(scene(160, 120), box)
+
+
+def test_opencv_loads_networks_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    """It warns of each that its engine takes no target, of which nobody has asked for one."""
+    level = cv2.utils.logging.getLogLevel()
+    tracker = make_tracker("nano", lambda _name: WEIGHTS / "follower-siamese_backbone.onnx")
+    with suppress(ValueError):  # these are not its networks, which do not come along
+        tracker.start(np.zeros((120, 160, 3), np.uint8), Box(40, 40, 20, 20))
+    assert "setPreferableTarget" not in capfd.readouterr().err
+    assert cv2.utils.logging.getLogLevel() == level

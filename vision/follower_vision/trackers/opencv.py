@@ -1,6 +1,7 @@
 """OpenCV's own trackers behind the motion-tracker seam, as far as this OpenCV has them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -100,7 +101,8 @@ class OpenCvTracker:
         if self.name == "mil":
             _check_for_mil(start, image)
         try:
-            self._tracker = _create(self._class, self._files)
+            with _no_warnings():
+                self._tracker = _create(self._class, self._files)
             self._tracker.init(image, start)
         except (cv2.error, SystemError) as error:
             self._tracker = None
@@ -158,6 +160,18 @@ def _create(tracker_class: Any, files: Mapping[str, str]) -> Any:
     for part, path in files.items():
         setattr(parameters, part, path)
     return tracker_class.create(parameters)
+
+
+@contextmanager
+def _no_warnings() -> Iterator[None]:
+    """Keep OpenCV from warning, of each network it loads, that its engine takes no target."""
+    logging = cv2.utils.logging
+    before = logging.getLogLevel()
+    logging.setLogLevel(min(before, logging.LOG_LEVEL_ERROR))
+    try:
+        yield
+    finally:
+        logging.setLogLevel(before)
 
 
 def _check_for_mil(start: tuple[int, int, int, int], image: Image) -> None:
