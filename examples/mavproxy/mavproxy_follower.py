@@ -9,6 +9,7 @@ is a message of its own, and nothing of the follower is imported.
 """
 
 import time
+from typing import Any
 
 from MAVProxy.modules.lib import mp_module
 from pymavlink import mavutil
@@ -29,16 +30,16 @@ _RESULTS = {0: "accepted", 2: "denied", 3: "unsupported", 4: "failed"}
 class FollowerModule(mp_module.MPModule):
     """Speaks to the follower's camera on the vehicle's system."""
 
-    def __init__(self, mpstate):
+    def __init__(self, mpstate: Any) -> None:
         super().__init__(mpstate, "follower", "drone target follower", public=True)
         self._camera = _MAVLINK.MAV_COMP_ID_CAMERA
-        self._status = None
+        self._status: Any = None
         self._said = ""
         commands = ["select", "release", "status", "camera"]
         self.add_command("follower", self._run, "drone target follower", commands)
         self._ask_for_status()
 
-    def mavlink_packet(self, message):
+    def mavlink_packet(self, message: Any) -> None:
         """Take what the follower's camera says."""
         ours = message.get_srcSystem(), message.get_srcComponent()
         if ours != (self.target_system, self._camera):
@@ -55,7 +56,7 @@ class FollowerModule(mp_module.MPModule):
         ):
             print(f"follower: {_RESULTS.get(message.result, message.result)}")
 
-    def _run(self, words):
+    def _run(self, words: list[str]) -> None:
         try:
             numbers = [float(word) for word in words[1:]]
         except ValueError:
@@ -76,7 +77,7 @@ class FollowerModule(mp_module.MPModule):
             case _:
                 print(_USAGE)
 
-    def _described(self):
+    def _described(self) -> str:
         status = self._status
         if status is None or time.time() - status._timestamp > _OLD_S:
             return f"follower: nothing heard from camera {self._camera} of {self.target_system}"
@@ -88,15 +89,15 @@ class FollowerModule(mp_module.MPModule):
             text += f", box {left:.3f} {top:.3f} {right:.3f} {bottom:.3f}"
         return f"{text}; it said: {self._said}" if self._said else text
 
-    def _ask_for_status(self):
+    def _ask_for_status(self) -> None:
         number = _MAVLINK.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS
         self._send(_MAVLINK.MAV_CMD_SET_MESSAGE_INTERVAL, number, _EVERY_US)
 
-    def _send(self, command, *numbers):
+    def _send(self, command: int, *numbers: float) -> None:
         padded = (*numbers, *[0.0] * (7 - len(numbers)))
         self.master.mav.command_long_send(self.target_system, self._camera, command, 0, *padded)
 
 
-def init(mpstate):
+def init(mpstate: Any) -> FollowerModule:
     """Return the module; MAVProxy calls this."""
     return FollowerModule(mpstate)
