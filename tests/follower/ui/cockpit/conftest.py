@@ -152,13 +152,15 @@ class FlyingSimulation(Served):
     began: Settings = field(kw_only=True)
     end: Callable[[], None] = field(kw_only=True)
     stands: threading.Event = field(kw_only=True)
+    stood: threading.Event = field(kw_only=True)
 
     @contextmanager
     def standing_still(self) -> Iterator[None]:
         """Stop the world while a person points at something, however slow the computer is."""
+        self.stood.clear()
         self.stands.set()
         try:
-            time.sleep(0.3)  # one simulated tenth of a second, at whose end it stands
+            assert self.stood.wait(PATIENCE_MS / 1000)
             yield
         finally:
             self.stands.clear()
@@ -260,11 +262,13 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
         extras = FlightOptions(video=videos, recorder=recorder, finder=finder)
         flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
         flight.operate()
-        show, stands = FlightPublisher(station, flight), threading.Event()
+        show = FlightPublisher(station, flight)
+        stands, stood = threading.Event(), threading.Event()
 
         def shown() -> None:
             show.show(flight.status())
             while stands.is_set() and not flight.finished:
+                stood.set()
                 time.sleep(0.02)
                 show.show(flight.status())
 
@@ -294,6 +298,7 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
             began=settings,
             end=end,
             stands=stands,
+            stood=stood,
         )
         flight.stop()
         thread.join(60)

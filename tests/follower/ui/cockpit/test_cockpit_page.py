@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cockpit_client import connect, message, say
 from playwright.sync_api import Browser, Page
-from websockets.sync.client import connect
+from waiting import until
 
 from follower.apps.replay.comparison import compare
 from follower.apps.replay.replay import Replay, replay_settings
@@ -222,12 +223,14 @@ def test_nothing_that_is_asked_goes_past_supervisor_and_envelope(
     rng = np.random.default_rng(11)
     url = simulation.url.replace("http", "ws") + "/ws"
     page.close()
-    with connect(url, open_timeout=60) as client:
-        client.send('{"kind": "take_control"}')
+    with connect(url) as client:
+        while not message(client, "control")["yours"]:  # until the page has left
+            say(client, kind="take_control")
         for number in range(120):
             client.send(json.dumps({"id": number, **any_request(rng)}))
             time.sleep(0.03)
-        client.send('{"kind": "consent", "given": false, "id": 1000}')
+        say(client, kind="consent", given=False, id=1000)
+        until(lambda: message(client, "answer")["id"] == 1000)
     records = controls(simulation)
     limits = simulation.began.envelope
     for before, record in itertools.pairwise(records):
