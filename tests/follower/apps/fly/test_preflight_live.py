@@ -99,7 +99,7 @@ def test_the_checklist_that_people_see_ends_with_ready(
 ) -> None:
     console = Console(record=True, width=100, file=io.StringIO())
     monkeypatch.setattr("follower.apps.preflight.session.Console", lambda: console)
-    monkeypatch.setattr("follower.apps.preflight.computer_checks.load_per_core", lambda _: 0.4)
+    monkeypatch.setattr("follower.apps.preflight.computer_checks.load_per_core", lambda: 0.4)
     monkeypatch.chdir(tmp_path)
     Path("camera.mp4").symlink_to(video)
     vehicle("px4")
