@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pwd
 import re
+import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -83,13 +84,8 @@ def install(
 
 
 def _environment(**values: str) -> str:
-    """Return systemd's EnvironmentFile, to which a bare backslash or quote is more than itself."""
-    return "".join(f"{name}={_quoted(value)}\n" for name, value in values.items())
-
-
-def _quoted(value: str) -> str:
-    escaped = re.sub(r'["\\`$]', r"\\\g<0>", value)
-    return value if re.fullmatch(r"[\w./:@,+-]*", value) else f'"{escaped}"'
+    """Return systemd's EnvironmentFile, whose quotes are a shell's."""
+    return "".join(f"{name}={shlex.quote(value)}\n" for name, value in values.items())
 
 
 def _write(path: Path, text: str, mode: int) -> Path:

@@ -73,7 +73,7 @@ def test_the_files_are_for_this_user_environment_and_settings(
 def test_a_value_reaches_the_program_as_it_was_written(install: Install, tmp_path: Path) -> None:
     camera = r"""rtsp://pilot:a\b"c'd$HOME`e`#f g@10.0.0.2/live?x=1&y=%20"""
     assert install("--camera", camera).code == 0
-    # systemd reads what stands between double quotes as a shell does, but expands nothing bare.
+    # systemd reads quotes as a shell does, and expands nothing.
     code = f'. {tmp_path}/root/{ENVIRONMENT}; printf "%s|%s|%s" "$CONNECT" "$CAMERA" "$SELECT"'
     said = subprocess.run(["/bin/sh", "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout == f"/dev/ttyAMA0:921600|{camera}|person"
