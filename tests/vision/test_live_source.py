@@ -81,6 +81,7 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows(late_s):
         until(lambda: source.skipped > 5)
         before = MonotonicClock().now()
         late = source.read()
+    assert late.sequence - first.sequence > 5
     assert before - late.captured_s < 0.25 + late_s()
     assert source.skipped >= late.sequence - first.sequence - 1
 
