@@ -136,6 +136,11 @@ def _train_detector(
     from follower.training.detector.run import train_detector
     from follower.training.detector.settings import DetectorConfig
 
+    if resume and start:
+        raise SettingsError(
+            f"--start {start}: this training goes on with its own weights; leave out --start, or "
+            "--resume"
+        )
     licence = None if data is None else "that of its pictures"
     settings, folder = _read_recipe(
         "detector", DetectorConfig, config, overrides, out, resume, data=data, licence=licence
@@ -327,10 +332,14 @@ def _read_recipe(
         **given: keys that options of their own give; None leaves the recipe's.
 
     Raises:
-        SettingsError: names the file and the first wrong key, or `config` is another recipe than
+        SettingsError: names the file and the first wrong key, or `config` or `out` is another than
             that of the training to go on with.
     """
     own = resume and resume / "config.yaml"
+    if resume and out not in (RUNS, resume.parent):
+        raise SettingsError(
+            f"--out {out}: this training goes on in {resume}; copy the folder to have it elsewhere"
+        )
     path = own or config or configs_folder() / f"train/{kind}.yaml"
     data, source = settings_data(path, overrides=overrides or [])
     chosen = {text.partition("=")[0] for text in overrides or ()}

@@ -240,8 +240,8 @@ def _fly_random(console: Console, engine: Engine, flights: int, seed: int, path:
             count_one()
     print_line(
         console,
-        f"{tally.flights} flights, {tally.minutes:.0f} minutes, {tally.steps} control steps, "
-        f"{len(tally.failures)} failures; all results are in {path}",
+        f"{counted(tally.flights, 'flight')}, {tally.minutes:.0f} min, {tally.steps} control "
+        f"steps, {counted(len(tally.failures), 'failure')}; all results are in {path}",
     )
     for number, failure in tally.failures.items():
         print_line(console, f"flight {number}: {failure}")

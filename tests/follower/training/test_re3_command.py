@@ -69,6 +69,21 @@ def test_a_resumed_training_takes_no_other_recipe(tmp_path: Path) -> None:
         output_of(*command, str(other))
 
 
+def test_a_resumed_training_stays_in_its_folder_and_keeps_its_weights(tmp_path: Path) -> None:
+    folder = tmp_path / "tiny"
+    folder.mkdir()
+    (folder / "config.yaml").write_text(RECIPE, encoding="utf-8")
+    elsewhere = tmp_path / "elsewhere"
+    said = f"--out {elsewhere}: this training goes on in {folder}"
+    with pytest.raises(SettingsError, match=said):
+        output_of("train", "re3", "--resume", str(folder), "--out", str(elsewhere))
+    assert not elsewhere.exists()
+    with pytest.raises(SettingsError, match=r"checkpoint\.pt: there is no such file"):
+        output_of("train", "re3", "--resume", str(folder), "--out", str(tmp_path))
+    with pytest.raises(SettingsError, match="--start other: this training goes on with its own"):
+        output_of("train", "detector", "--resume", str(folder), "--start", "other")
+
+
 def test_only_a_motion_trackers_training_is_exported(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, {"kind": "detector"})
     with pytest.raises(SettingsError, match="this is no training of a motion tracker"):
