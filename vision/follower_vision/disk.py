@@ -5,6 +5,9 @@ import os
 import shutil
 from pathlib import Path
 
+_DRAFT_NAME = 60
+"""Characters of a file's name in its draft's, which has to fit into 255 bytes, too."""
+
 
 def write_whole(path: Path, text: str) -> Path:
     """Write a file under another name first, so that a reader never sees half of it.
@@ -16,11 +19,19 @@ def write_whole(path: Path, text: str) -> Path:
 
 
 def write_whole_bytes(path: Path, content: bytes) -> Path:
-    """Do the same with bytes."""
-    draft = path.with_name(f".{path.name}.part")
+    """Do the same with bytes.
+
+    Through a link the file that it leads to is written. What is no file, as /dev/stdout, cannot be
+    put in place of another: it is written to at once.
+    """
+    file = Path(os.path.realpath(path))
+    draft = file.with_name(f".{file.name[:_DRAFT_NAME]}.part")
     try:
-        draft.write_bytes(content)
-        draft.replace(path)
+        if path.exists() and not path.is_file():
+            path.write_bytes(content)
+        else:
+            draft.write_bytes(content)
+            draft.replace(file)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     finally:

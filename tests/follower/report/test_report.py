@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import resource
 from collections.abc import Sequence
@@ -256,6 +257,36 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert path.read_text("utf-8") == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_with_the_longest_name_there_can_be_is_written(tmp_path: Path) -> None:
+    path = write_whole(tmp_path / ("n" * 251 + ".csv"), "whole")
+    assert path.read_text("utf-8") == "whole"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one_and_its_file_is_written(tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    link = tmp_path / "newest.csv"
+    link.symlink_to(write_whole(kept / "boxes.csv", "old"))
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert (kept / "boxes.csv").read_text("utf-8") == "new"
+    assert list(kept.iterdir()) == [kept / "boxes.csv"]
+
+
+def test_a_pipe_is_written_to_and_stays_one(tmp_path: Path) -> None:
+    """As /dev/stdout: it was replaced by a file, where that was allowed."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, "boxes")
+        assert os.read(reader, 100) == b"boxes"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
 
 
 def test_the_track_plot_is_a_picture(flight: Any, tmp_path: Path) -> None:
