@@ -17,6 +17,7 @@ from follower.ui.terminal.console import check_extra
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
 from follower_vision.sources.frame_source import FrameSource
+from follower_vision.sources.open import local_path
 
 _ROS_1 = b"#ROSBAG V2.0"
 
@@ -36,14 +37,14 @@ class BagInput(VideoInput):
         check_extra("a bag", "ros", "rosbags")
         from follower.apps.ros.bag import BagImages
 
-        return BagImages(Path(self.name))
+        return BagImages(local_path(self.name))
 
     def telemetry(self) -> TelemetryLog | None:
         """Return what it tells of the vehicle, None if nothing; raises what `open` does."""
         check_extra("a bag", "ros", "rosbags")
         from follower.apps.ros.bag import read_bag
 
-        return read_bag(Path(self.name))
+        return read_bag(local_path(self.name))
 
 
 def sort_inputs(
@@ -58,10 +59,11 @@ def sort_inputs(
 
     Raises:
         SettingsError: there are two of a kind.
+        SourceError: a name begins with that of no user.
     """
     videos, logs = list[str](), [] if telemetry is None else [telemetry]
     for name in files:
-        path = Path(name).expanduser()
+        path = local_path(name)
         if path.is_file() and is_telemetry_log(path) and not _is_bag(path):
             logs.append(path)
         else:
@@ -71,7 +73,7 @@ def sort_inputs(
             raise SettingsError(f"{found[0]} and {found[1]} are two {kind}: import one at a time")
     if not videos:
         return None, logs[0]
-    source = BagInput if _is_bag(Path(videos[0]).expanduser()) else VideoInput
+    source = BagInput if _is_bag(local_path(videos[0])) else VideoInput
     return source(videos[0], rate_hz=rate_hz), logs[0] if logs else None
 
 
@@ -86,7 +88,7 @@ def telemetry_of(
     if telemetry is None and isinstance(source, BagInput):
         return source.telemetry(), source.name
     if telemetry is None and source is not None:
-        telemetry = telemetry_of_video(Path(source.name).expanduser())
+        telemetry = telemetry_of_video(local_path(source.name))
     return (None, "") if telemetry is None else (read_telemetry(telemetry), str(telemetry))
 
 

@@ -21,6 +21,7 @@ from follower.report.figures import write_targets_plot, write_track_plot
 from follower.settings.settings import Settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
+from follower_vision.disk import can_be_written
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import FrameSource, SourceError
@@ -258,16 +259,21 @@ def _unwritable(path: Path, source: Path) -> str | None:
         return "this is a folder; give a file's name"
     if not path.parent.is_dir():
         return f"there is no folder {path.parent}; make it first"
-    if source.exists() and path.resolve() == source.resolve():
+    if path.exists() and source.exists() and path.samefile(source):
         return "that is the source itself; give another name"
-    existed = path.exists()
+    if path.exists() and not path.is_file():
+        return None  # opened and closed, a pipe has ended for its reader
+    file = path.resolve()
+    if not can_be_written(file.parent):
+        return "cannot be written: its folder must not be changed"
+    existed = file.exists()
     try:
-        with path.open("ab"):
+        with file.open("ab"):
             pass
     except OSError as error:
         return f"cannot be written: {error.strerror}"
     if not existed:
-        path.unlink()
+        file.unlink()
     return None
 
 

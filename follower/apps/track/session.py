@@ -41,6 +41,7 @@ from follower_vision.fusion import BackgroundDetection, InlineDetection
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import FrameSource, RealtimePlayback, SourceError
 from follower_vision.sources.live_source import LiveSource
+from follower_vision.sources.open import local_path
 from follower_vision.trackers.track import TrackState
 
 ResultT = TypeVar("ResultT")
@@ -110,7 +111,7 @@ def track(settings: Settings, targets: TargetChoice, source: VideoInput, files: 
             "which target? give --target x,y,w,h or --select person or --colour '#rrggbb'; "
             "--select list shows what there is"
         )
-    files.check(Path(source.name))
+    files.check(local_path(source.name))
     detector = make_settings_detector(settings)
     clock: Clock = MonotonicClock() if source.in_real_time else SimulatedClock()
     console = Console()

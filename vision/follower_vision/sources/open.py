@@ -166,10 +166,7 @@ def open_source(
         return _open_live(
             spec, clock or MonotonicClock(), live or LiveSettings(), capture or CaptureSettings()
         )
-    try:
-        path = Path(spec).expanduser()
-    except RuntimeError as error:  # no user has that name
-        raise SourceError(f"{spec}: {error}") from None
+    path = local_path(spec)
     if path.is_dir():
         return ImageFolder(path, folder_rate_hz)
     if _kind(spec):
@@ -179,6 +176,18 @@ def open_source(
             f"(0, /dev/video0), rtsp://, udp://, rtp://, srt://, tcp://, http://, {kinds}:"
         )
     return VideoFile(path)
+
+
+def local_path(spec: str) -> Path:
+    """Return the path of a file or folder, with the home folder for its "~".
+
+    Raises:
+        SourceError: no user has that name.
+    """
+    try:
+        return Path(spec).expanduser()
+    except RuntimeError as error:
+        raise SourceError(f"{spec}: {error}") from None
 
 
 def _open_live(

@@ -234,7 +234,8 @@ def test_contradictions_are_refused(options: tuple[str, ...], says: str) -> None
         CliRunner().invoke(app, ["import", *options], catch_exceptions=False)
 
 
-def test_the_command_names_a_missing_file() -> None:
-    result = CliRunner().invoke(app, ["import", "nowhere.mp4", "--target", "1,2,30,40"])
+@pytest.mark.parametrize("name", ["nowhere.mp4", "~nobody-of-this-name/clip.mp4"])
+def test_the_command_names_a_missing_file(name: str) -> None:
+    result = CliRunner().invoke(app, ["import", name, "--target", "1,2,30,40"])
     assert isinstance(result.exception, SourceError)
-    assert "nowhere.mp4" in str(result.exception)
+    assert name in str(result.exception)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sys
@@ -17,6 +18,7 @@ from real_data import DATA, needs_data
 import follower.apps.track.session as track_module
 from follower.apps.main import FAILED, SUCCESS, UNUSABLE, main
 from follower.apps.track.display import TrackStatus, status_line
+from follower.apps.track.run import TrackFiles
 from follower.recording.run_folder import BOX_COLUMNS
 from follower.settings.settings import Settings
 from follower_vision.detection import Detection
@@ -287,14 +289,35 @@ def test_a_number_too_large_leaves_the_picture_to_choose_from_alone(
 
 
 @pytest.mark.slow
-def test_the_source_is_never_overwritten(run: Run, pictures: Path, tmp_path: Path) -> None:
+def test_the_source_is_never_overwritten(
+    run: Run, pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run(str(pictures), "--select", "1", "--save", "clip.mp4")
     before = (tmp_path / "clip.mp4").read_bytes()
-    for option in ("--save", "--boxes"):
-        code, _, err = run("clip.mp4", "--target", "40,150,28,28", option, "./clip.mp4")
+    (tmp_path / "second-name.mp4").hardlink_to(tmp_path / "clip.mp4")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for source, option, name in (
+        ("clip.mp4", "--save", "./clip.mp4"),
+        ("clip.mp4", "--boxes", "./clip.mp4"),
+        ("clip.mp4", "--save", "second-name.mp4"),
+        ("~/clip.mp4", "--save", str(tmp_path / "clip.mp4")),
+    ):
+        code, _, err = run(source, "--target", "40,150,28,28", option, name)
         assert code == UNUSABLE
         assert "that is the source itself" in err
     assert (tmp_path / "clip.mp4").read_bytes() == before
+
+
+def test_looking_whether_a_file_can_be_written_leaves_everything_as_it_was(tmp_path: Path) -> None:
+    link, kept, pipe = (tmp_path / name for name in ("link.csv", "kept.csv", "pipe"))
+    link.symlink_to(tmp_path / "not-yet.csv")
+    kept.write_text("old")
+    os.mkfifo(pipe)  # opened, it would wait for a reader
+    for boxes in (link, kept, pipe, tmp_path / "new.csv"):
+        TrackFiles(boxes=boxes).check(tmp_path / "clip.mp4")
+    assert sorted(tmp_path.iterdir()) == [kept, link, pipe]
+    assert link.is_symlink()
+    assert kept.read_text() == "old"
 
 
 def test_a_missing_network_names_what_fetches_it(
