@@ -210,6 +210,17 @@ def test_vot_tags_hold_frame_by_frame(tmp_path: Path) -> None:
     assert sequence.rate_hz == 24
 
 
+def test_what_a_mac_puts_beside_each_file_is_passed_over(tmp_path: Path) -> None:
+    pictures(tmp_path / "color", 3)
+    (tmp_path / "groundtruth.txt").write_text("1,2,3,4\n" * 3)
+    (tmp_path / "occlusion.tag").write_text("0\n1\n1\n")
+    for path in [path for path in tmp_path.rglob("*") if path.is_file()]:
+        path.with_name(f"._{path.name}").write_bytes(b"\0\5\x16\7Mac OS X\xff")
+    (sequence,), remarks = load_dataset(tmp_path)
+    assert remarks == []
+    assert list(sequence.attributes) == ["occlusion"]
+
+
 def test_got10k_labels_and_classes(tmp_path: Path) -> None:
     pictures(tmp_path, 4)
     (tmp_path / "groundtruth.txt").write_text("1.5,2,3,4\n" * 4)

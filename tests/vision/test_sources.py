@@ -195,6 +195,15 @@ def test_a_data_sets_img_folder_is_found(tmp_path):
     assert ImageFolder(tmp_path).frame_count == 2
 
 
+def test_what_a_mac_puts_beside_each_picture_is_none(tmp_path):
+    folder = write_images(tmp_path, ["img1.png", "img2.png"])
+    for name in ("img1.png", "img2.png"):
+        (folder / f"._{name}").write_bytes(b"\0\5\x16\7Mac OS X")
+    source = ImageFolder(folder)
+    assert len(everything(source)) == 2
+    assert source.problem is None
+
+
 def test_natural_order_mixes_numbers_and_words():
     names = ["img10.png", "img2.png", "Img1.png", "a.png", "7.png"]
     ordered = sorted(map(Path, names), key=natural_key)

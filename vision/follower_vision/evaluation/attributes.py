@@ -161,7 +161,7 @@ def _got10k_classes(folder: Path) -> list[str]:
 
 
 def _frame_tags(folder: Path, frames: int) -> dict[str, Flags]:
-    paths = sorted([*folder.glob("*.tag"), *folder.glob("*.label")])
+    paths = sorted([*folder.glob("[!.]*.tag"), *folder.glob("[!.]*.label")])
     own = [path for path in paths if path.stem not in _GOT10K_LABELS]
     return {path.stem.replace("_", " "): read_flags(path, frames) for path in own}
 

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from follower_vision.evaluation.attributes import read_absence, read_attributes, read_rate
 from follower_vision.evaluation.one_pass import (
-    IMAGES,
     DatasetError,
     Sequence,
     SequencePlace,
@@ -22,7 +21,7 @@ from follower_vision.evaluation.one_pass import (
     read_lines,
 )
 from follower_vision.geometry.box import Box
-from follower_vision.sources.open import natural_key
+from follower_vision.sources.open import pictures_in
 
 __all__ = ["DatasetError", "load_dataset", "read_boxes"]
 
@@ -212,8 +211,7 @@ def _images(folder: Path) -> list[Path]:
     for name in _IMAGE_FOLDERS:
         place = folder / name
         if place.is_dir():
-            images = (path for path in place.iterdir() if path.suffix.lower() in IMAGES)
-            found = sorted(images, key=natural_key)
+            found = pictures_in(place)
             if found:
                 return found
     raise DatasetError(f"{folder}: no images; put them there, into img/ or into color/")

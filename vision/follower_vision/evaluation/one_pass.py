@@ -10,9 +10,6 @@ import numpy as np
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image, load_image
 
-IMAGES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
-"""Suffixes of image files."""
-
 
 class DatasetError(ValueError):
     """A folder or file is no data set; the message is one line that says what to do."""

@@ -107,12 +107,29 @@ def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)
 
 
+def pictures_in(folder: Path) -> list[Path]:
+    """Return a folder's pictures in natural order, without hidden files.
+
+    A Mac leaves one beside each file on a card or stick: "._2.jpg" is no picture.
+
+    Raises:
+        OSError: the folder cannot be read.
+    """
+    names = (path for path in folder.iterdir() if not path.name.startswith("."))
+    return sorted((path for path in names if path.suffix.lower() in SUFFIXES), key=natural_key)
+
+
 def _pictures(folder: Path) -> list[Path]:
     if not folder.exists():
         raise SourceError(f"{folder}: there is no such folder; check the path")
-    found = _suitable(folder)
-    if not found and (folder / "img").is_dir():
-        found = _suitable(folder / "img")
+    try:
+        found = pictures_in(folder)
+        if not found and (folder / "img").is_dir():
+            found = pictures_in(folder / "img")
+    except OSError as error:
+        raise SourceError(
+            f"{folder}: cannot be read ({error.strerror}); give a folder with read permission"
+        ) from error
     if not found:
         raise SourceError(
             f"{folder}: no pictures in this folder; it needs .jpg, .png or .bmp files"
@@ -120,16 +137,6 @@ def _pictures(folder: Path) -> list[Path]:
     if all(load_image(path) is None for path in found[:3]):
         raise SourceError(f"{found[0]}: not a readable picture; are the files complete?")
     return found
-
-
-def _suitable(folder: Path) -> list[Path]:
-    try:
-        entries = list(folder.iterdir())
-    except OSError as error:
-        raise SourceError(
-            f"{folder}: cannot be read ({error.strerror}); give a folder with read permission"
-        ) from error
-    return sorted((p for p in entries if p.suffix.lower() in SUFFIXES), key=natural_key)
 
 
 def is_live(spec: str) -> bool:
