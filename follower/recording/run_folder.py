@@ -3,6 +3,7 @@
 import csv
 import io
 import itertools
+import os
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -29,8 +30,14 @@ def check_goes_on(folder: Path, what: str, *marks: str) -> None:
         raise SettingsError(f"{folder}: no {what} was begun there ({marks[0]} is missing)")
 
 
+_LONGEST_NAME = 200
+"""Bytes of a run's name; a file system takes 255, and files beside the run are named by it."""
+
+
 def new_run_folder(base: Path, name: str) -> Path:
     """Make and return `base/name`, or `base/name-2`, `-3`, … where that exists already.
+
+    A name of more than 200 bytes is cut off there.
 
     Raises:
         SettingsError: a file is in its way.
@@ -40,6 +47,8 @@ def new_run_folder(base: Path, name: str) -> Path:
         base.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError, FileNotFoundError):
         raise SettingsError(f"--out {base}: no folder can be made there; name another") from None
+    while len(os.fsencode(name)) > _LONGEST_NAME:
+        name = name[:-1]
     for number in itertools.count(1):
         folder = base / (name if number == 1 else f"{name}-{number}")
         try:
