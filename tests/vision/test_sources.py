@@ -67,6 +67,23 @@ def test_times_count_from_the_first_frame(tmp_path):
     assert everything(VideoFile(path))[0].captured_s == 0
 
 
+@pytest.mark.parametrize(
+    ("kind", "patch"),
+    [
+        ("mp4", bytes(30)),  # a picture is decoded, with what FFmpeg makes of the gap
+        ("ts", b""),  # packets of a transmission that were lost
+    ],
+)
+def test_damage_that_ffmpeg_passes_over_is_told(tmp_path, kind, patch):
+    path = write_video(tmp_path / f"a.{kind}", np.arange(60) / 30)
+    whole = path.read_bytes()
+    begin = len(whole) // 2 // 188 * 188
+    path.write_bytes(whole[:begin] + patch + whole[begin + (len(patch) or 10 * 188) :])
+    source = VideoFile(path)
+    assert len(everything(source)) > 50
+    assert "damaged in" in source.problem
+
+
 def test_a_title_that_is_no_utf_8_is_no_hindrance(tmp_path):
     """Cameras write it in whatever encoding their country had."""
     path = write_video(tmp_path / "a.mkv", [0.0, 0.1])

@@ -186,7 +186,7 @@ class TrackSession:
         self._summarise(written)
         if interrupted:
             return _INTERRUPTED
-        broken = self._run.problem is not None and not live
+        broken = self._run.problem is not None and not self._source.is_live
         return _BROKEN_OFF if broken else _SUCCESS
 
     def _find(self, new_folder: Callable[[], Path]) -> tuple[bool, bool]:

@@ -29,7 +29,8 @@ class VideoFile(ClosesItself):
     """Reads a video file from its beginning to its end, or to where it is broken.
 
     `captured_s` is the frame's presentation time, counted from the first frame. Pictures that a
-    phone stored turned are turned upright. Damaged parts are skipped; `problem` then says so.
+    phone stored turned are turned upright. Damaged parts are skipped, or as FFmpeg patches them up;
+    `problem` then says so.
 
     Attributes:
         nominal_rate_hz: the file's average frame rate.
@@ -63,8 +64,6 @@ class VideoFile(ClosesItself):
     @property
     def problem(self) -> str | None:
         """Says what is broken in the file, as far as it was read; None if nothing."""
-        if self._damaged:
-            return f"{self._path}: {self._damaged} damaged packets were skipped; copy the file anew"
         due_s = self.duration_s
         slack_s = 2 / self.nominal_rate_hz
         if self._ended and due_s is not None and self._last_s < 0.95 * due_s - slack_s:
@@ -72,6 +71,8 @@ class VideoFile(ClosesItself):
                 f"{self._path}: it ends at {self._last_s:.2f} s, though it says that it is "
                 f"{due_s:.2f} s long; the file was cut short, copy it anew"
             )
+        if self._damaged:
+            return f"{self._path}: damaged in {self._damaged} of its packets; copy the file anew"
         return None
 
     def read(self) -> Frame | None:
@@ -106,7 +107,9 @@ class VideoFile(ClosesItself):
                 packet = next_packet(packets)
                 if packet is None:
                     return
-                yield from packet.decode()
+                pictures = packet.decode()
+                self._damaged += packet.is_corrupt or any(one.is_corrupt for one in pictures)
+                yield from pictures
             except av.error.InvalidDataError:
                 self._damaged += 1
             except av.error.FFmpegError:

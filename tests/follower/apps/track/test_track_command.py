@@ -213,17 +213,19 @@ def test_in_real_time_a_recording_takes_its_time(run: Run, pictures: Path, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("pace", [[], ["--realtime"]])
 def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tells(
-    run: Run, pictures: Path, tmp_path: Path
+    run: Run, pictures: Path, tmp_path: Path, pace: list[str]
 ) -> None:
     damaged = tmp_path / "damaged"
     shutil.copytree(pictures, damaged)
     (damaged / "012.png").write_bytes(b"no picture")
     x, y = corner(0, 0)
-    code, out, _ = run(str(damaged), "--target", f"{x},{y},{SIDE},{SIDE}", "--no-video")
+    code, out, _ = run(str(damaged), "--target", f"{x},{y},{SIDE},{SIDE}", "--no-video", *pace)
     assert code == FAILED
     assert "012.png" in out
-    assert len(rows_of(only_run(tmp_path) / "boxes.csv")) >= 12
+    rows = rows_of(only_run(tmp_path) / "boxes.csv")
+    assert int(rows[-1]["frame"]) == FRAMES - 1
 
 
 @pytest.mark.parametrize(
