@@ -6,7 +6,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from follower.flight.log import FlightLog
 from follower.settings.settings import CameraSettings
+from follower.ui.terminal.console import counted
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
 from follower_vision.images.frame import Frame
@@ -167,3 +169,45 @@ class SteadySource(ClosesItself):
     def close(self) -> None:
         """Close the camera."""
         self._source.close()
+
+
+class UntilResized:
+    """The frames of a source up to where their size changes.
+
+    Attributes:
+        resized: says where it changes, None as long as it does not.
+    """
+
+    def __init__(self, source: FrameSource) -> None:
+        self._source = source
+        self._size: tuple[int, int] | None = None
+        self.resized: str | None = None
+
+    @property
+    def problem(self) -> str | None:
+        """What ended the frames early or is wrong with the source; None if nothing."""
+        return self.resized or self._source.problem
+
+    def read(self) -> Frame | None:
+        """Return the next frame, None at the end."""
+        frame = None if self.resized else self._source.read()
+        if frame is None:
+            return None
+        size = frame.width, frame.height
+        if self._size not in (None, size):
+            self.resized = (
+                f"frame {frame.sequence} is {size[0]}x{size[1]} pixels, the ones before were not: "
+                "the run ends there"
+            )
+            return None
+        self._size = size
+        return frame
+
+
+def gaps_said(log: FlightLog) -> list[str]:
+    """Return in a sentence where a recording's frames are far apart; nothing, usually."""
+    gaps = [event for event in log.events if event.source == "video"]
+    if not gaps:
+        return []
+    also = f", and {counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
+    return [f"At {gaps[0].time_s:.1f} s {gaps[0].text}{also}"]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from follower.apps.video_input import VideoInput
+from follower.apps.video_input import UntilResized, VideoInput
 from follower.flight.control.offline import RecordedControl, recorded_settings
 from follower.flight.log import FlightLog, FlightSink, SelectionRecord, Stopwatch, TrackRecord
 from follower.flight.target.selectors import TargetsSelector
@@ -60,6 +60,7 @@ class TrackRun:
         clock: Clock,
     ) -> None:
         self.source = source
+        self._frames = UntilResized(source)
         self.logs = [FlightLog() for _ in range(count)]
         self._tracker = tracker
         self._selector = selector
@@ -67,8 +68,6 @@ class TrackRun:
         self._stop = threading.Event()
         self._tracks: list[Track] = []
         self._box: Box | None = None
-        self._size: tuple[int, int] | None = None
-        self._problem: str | None = None
 
     def stop(self) -> None:
         """End `find` or `follow` after the frame that is being worked on."""
@@ -80,9 +79,8 @@ class TrackRun:
     @property
     def problem(self) -> str | None:
         """What ended the run early or is missing in it, in one line; None if nothing."""
-        if self._problem is None and not isinstance(self.source, LiveSource):
-            return self.source.problem
-        return self._problem
+        live = isinstance(self.source, LiveSource)
+        return self._frames.resized if live else self._frames.problem
 
     def find(self) -> bool:
         """Read frames until all targets are seen in one, and start there; return whether they are.
@@ -153,17 +151,9 @@ class TrackRun:
         """Return the next frame, None at the end; where the size changes is an end, too."""
         if self._stop.is_set():
             return None
-        frame = self.source.read()
+        frame = self._frames.read()
         if frame is None:
             return None
-        size = frame.width, frame.height
-        if self._size not in (None, size):
-            self._problem = (
-                f"frame {frame.sequence} is {size[0]}x{size[1]} pixels, the ones before were not: "
-                "the run ends there; start another one"
-            )
-            return None
-        self._size = size
         self.clock.sleep_until(frame.captured_s)
         return frame
 

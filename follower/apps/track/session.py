@@ -13,7 +13,7 @@ from rich.table import Table
 from follower.apps.target_choice import LIST, TargetChoice, needed
 from follower.apps.track.display import TrackDisplay, TrackStatus
 from follower.apps.track.run import TrackFiles, TrackRun, track_recorder
-from follower.apps.video_input import VideoInput
+from follower.apps.video_input import VideoInput, gaps_said
 from follower.flight.control.offline import RecordedControl
 from follower.flight.log import FlightLog
 from follower.flight.target.candidate_image import (
@@ -213,11 +213,7 @@ class TrackSession:
         remarks = list(() if recorder is None else recorder.remarks)
         if video is not None and video.remark is not None:
             remarks.insert(0, video.remark)
-        gaps = [event for event in self._run.logs[0].events if event.source == "video"]
-        if gaps:
-            also = f", and {counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
-            remarks.append(f"At {gaps[0].time_s:.1f} s {gaps[0].text}{also}")
-        for remark in remarks:
+        for remark in (*remarks, *gaps_said(self._run.logs[0])):
             self._display.say(remark)
         return interrupted
 
