@@ -1,7 +1,6 @@
 """`follower import`: from a video, a log or both to a flight's folder, setpoints, a report."""
 
 import math
-import shutil
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from follower.apps.import_flight.alignment import (
 from follower.apps.import_flight.inputs import telemetry_of
 from follower.apps.inspect import inspect_recorded
 from follower.apps.target_choice import LIST, TargetChoice
-from follower.apps.video_input import VideoInput
+from follower.apps.video_input import UntilResized, VideoInput, gaps_said
 from follower.flight.control.offline import RecordedControl, recorded_settings
 from follower.flight.log import FlightLog, noting_failed_plugins
 from follower.flight.target.selectors import Selector, TargetsSelector
@@ -33,7 +32,12 @@ from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import VisionStage
 from follower.flight.vision.tracker_factory import make_settings_detector, make_target_tracker
 from follower.recording import FlightConfig, Recorder, open_flight
-from follower.recording.run_folder import new_run_folder, write_boxes, write_setpoints
+from follower.recording.run_folder import (
+    new_run_folder,
+    remove_run_folder,
+    write_boxes,
+    write_setpoints,
+)
 from follower.recording.telemetry_logs import (
     TelemetryError,
     TelemetryLog,
@@ -42,6 +46,7 @@ from follower.recording.telemetry_logs import (
 from follower.settings.settings import Settings
 from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.console import print_line
+from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 from follower_control.common.clock_offset import NoOverlapError, TimeOffset
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import SimulatedClock
@@ -51,6 +56,7 @@ from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import FrameSource, SourceError
 
 OFFSET_PLOT = "offset.png"
+_SUCCESS, _INTERRUPTED = 0, 130
 _KEPT = 1000
 """So many records stay in memory while the flight is written, which may last for hours."""
 _MOST_FLOWS = 18_000
@@ -61,24 +67,26 @@ _STEP_S = 1.0
 
 
 def run_import(
-    source: FrameSource,
+    frames: UntilResized,
     settings: Settings,
     selector: Selector | None,
     telemetry: TelemetryLog | None,
     log: FlightLog,
     clock: SimulatedClock,
     advance: Callable[[], object],
+    stopped: Callable[[], bool],
 ) -> bool:
-    """Go through the video to its end; return whether the target was ever found.
+    """Go through the video until its end or a stop; return whether the target was ever found.
 
     Args:
-        source: at its beginning; where the size of its frames changes is an end, too.
+        frames: of the video, from its beginning.
         settings: all of them.
         selector: finds the target; None follows nothing.
         telemetry: on the video's time; None if there is none.
         log: takes everything; the recorder's.
         clock: the log's and the frames'.
         advance: is called after each frame.
+        stopped: tells whether to end after this frame.
     """
     stage = VisionStage(make_target_tracker(settings))
     if selector is not None:
@@ -86,11 +94,9 @@ def run_import(
     vision = VisionLoop(stage, clock, log)
     control: RecordedControl | None = None
     found = False
-    frame = source.read()
+    frame = frames.read()
     while frame is not None:
-        following = source.read()
-        if following is not None and following.image.shape != frame.image.shape:
-            following = None
+        following = None if stopped() else frames.read()
         clock.sleep_until(frame.captured_s)
         answer = vision.step(frame)
         found = found or answer.track is not None
@@ -107,12 +113,15 @@ def run_without_video(
     log: FlightLog,
     clock: SimulatedClock,
     progress: Progress,
+    stopped: Callable[[], bool],
 ) -> None:
-    """Step control through telemetry to which there is no video."""
+    """Step control through telemetry to which there is no video, until its end or a stop."""
     nothing = Frame(np.zeros(_NO_VIDEO, np.uint8), telemetry.start_s, 0)
     control = _control(settings, log, nothing, telemetry)
     steps = np.arange(telemetry.start_s, telemetry.end_s, _STEP_S).tolist()
     for now_s in progress.track(steps, description="Importing"):
+        if stopped():
+            return
         until_s = min(now_s + _STEP_S, telemetry.end_s)
         control.step(None, until_s)
         clock.sleep_until(until_s)
@@ -178,7 +187,7 @@ def import_video(
 
     Raises:
         ValueError, OSError: what the user can mend, in one line. Nothing is left behind then but
-            the plot that the message names, if it names one.
+            the plot that the message names, if it names one, and a flight that is recorded already.
     """
     _check(source, target, at_s)
     console = console or Console()
@@ -195,8 +204,8 @@ def import_video(
         selector = _from_time(target.selector(make_settings_detector(settings)), at_s)
     name = Path(log_name).stem if source is None else source.short_name
     folder = new_run_folder(out, f"import-{name}")
-    with ExitStack() as undo:
-        undo.callback(shutil.rmtree, folder, ignore_errors=True)
+    with stop_signals(), ExitStack() as undo:
+        undo.callback(remove_run_folder, folder)
         aligned = None
         if log is not None:
             aligned = _aligned(source, settings, log, offset_s, folder, console)
@@ -210,17 +219,25 @@ def import_video(
         config = FlightConfig.of(
             "video", settings, run={**run, **facts}, needs_telemetry=has_motion
         )
-        _record(source, config, settings, selector, aligned, folder, console)
-        recorded = open_flight(folder)
-        write_boxes(folder / "boxes.csv", recorded.log.tracks)
-        write_setpoints(folder / "setpoints.csv", recorded.log.controls)
-        undo.pop_all()
+        with StopOnInterrupt() as asked:
+            inputs = config, settings, selector, aligned
+            if not _record(source, *inputs, folder, console, lambda: asked.interrupted):
+                return _INTERRUPTED
+            undo.pop_all()
+            _write_files(folder, aligned, console)
+    return _INTERRUPTED if asked.interrupted else _SUCCESS
+
+
+def _write_files(folder: Path, aligned: _Telemetry | None, console: Console) -> None:
+    """Write all but the recording, and print the report's summary."""
+    recorded = open_flight(folder)
+    write_boxes(folder / "boxes.csv", recorded.log.tracks)
+    write_setpoints(folder / "setpoints.csv", recorded.log.controls)
     more = []
     if aligned is not None and aligned.found is not None:
         write_offset_plot(folder / OFFSET_PLOT, aligned.found)
         more.append(offset_section(aligned.found))
     inspect_recorded(recorded, console=console, more=more)
-    return 0
 
 
 def _check(source: VideoInput | None, target: TargetChoice, at_s: float) -> None:
@@ -360,14 +377,16 @@ def _record(
     telemetry: _Telemetry | None,
     folder: Path,
     console: Console,
-) -> None:
-    """Run the pipeline and write the flight.
+    stopped: Callable[[], bool],
+) -> bool:
+    """Run the pipeline and write the flight; return False if it was stopped before there was any.
 
     Raises:
         SourceError: the target was never seen, or the video cannot be read.
     """
     log = None if telemetry is None else telemetry.log
     clock = SimulatedClock()
+    said: list[str] = []
     with (
         ExitStack() as opened,
         _progress(console) as progress,
@@ -375,29 +394,38 @@ def _record(
         noting_failed_plugins(recorder.log, clock.now),
     ):
         if source is not None:
-            frames = opened.enter_context(source.open())
+            video = opened.enter_context(source.open())
             if log is not None:
-                _check_overlap(frames, log)
-            task = progress.add_task("Importing", total=frames.frame_count)
-            advance = partial(progress.advance, task)
+                _check_overlap(video, log)
+            task = progress.add_task("Importing", total=video.frame_count)
+            frames = UntilResized(video)
             inputs = settings, selector, log, recorder.log, clock
-            found = run_import(frames, *inputs, advance)
+            found = run_import(frames, *inputs, partial(progress.advance, task), stopped)
             if selector is not None and not found:
+                if stopped():
+                    waited_for = config.run["target"]
+                    print_line(console, f"Ended while waiting for {waited_for}: nothing is written")
+                    return False
                 raise SourceError(
                     f"{config.run['target']} was not seen in any frame from --at on; the recording "
                     f"ends at {clock.now():.1f} s"
                 )
+            said += gaps_said(recorder.log)
             if frames.problem is not None:
                 recorder.log.note(clock.now(), "video", frames.problem)
+                said.append(frames.problem)
         elif log is not None:
-            run_without_video(settings, log, recorder.log, clock, progress)
+            run_without_video(settings, log, recorder.log, clock, progress, stopped)
+        if stopped():
+            recorder.log.note(clock.now(), "import", "ended early, as the user asked")
         if log is not None:
             lasts = f"from {log.start_s:.1f} s to {log.end_s:.1f} s of the video's time"
-            for said in (f"the log lasts {lasts}", log.problem):
-                if said is not None:
-                    recorder.log.note(clock.now(), "telemetry", said)
-    for remark in recorder.remarks:
+            for remark in (f"the log lasts {lasts}", log.problem):
+                if remark is not None:
+                    recorder.log.note(clock.now(), "telemetry", remark)
+    for remark in (*said, *recorder.remarks):
         print_line(console, remark)
+    return True
 
 
 def _check_overlap(source: FrameSource, log: TelemetryLog) -> None:

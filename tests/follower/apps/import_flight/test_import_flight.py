@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import io
 import math
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
+from csv_rows import rows_of
 from program import output_of
 from rich.console import Console
 from typer.testing import CliRunner
 
 from follower.apps.import_flight.alignment import align, corner_flows
 from follower.apps.import_flight.session import import_video
-from follower.apps.main import app
+from follower.apps.main import INTERRUPTED, SUCCESS, app
 from follower.apps.replay.comparison import compare
 from follower.apps.replay.replay import Replay, replay_settings
 from follower.apps.target_choice import TargetChoice
-from follower.apps.video_input import VideoInput
+from follower.apps.video_input import UntilResized, VideoInput
 from follower.recording import RecordedFlight, open_flight
 from follower.recording.telemetry_logs import read_telemetry
 from follower.settings.settings import load_settings
@@ -28,7 +32,9 @@ from follower_sim.camera import SimCamera
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.world.world import World
 from follower_vision.drawing.video_writer import VideoWriter
+from follower_vision.geometry.box import Box
 from follower_vision.geometry.line_of_sight import CameraMount
+from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.video_file import VideoFile
 
@@ -207,7 +213,7 @@ def test_telemetry_of_another_time_is_refused(
     log = writers["csv"](tmp_path / "log.csv", script)
     with pytest.raises(SourceError, match="nothing of it belongs to the video"):
         imported(tmp_path / "runs", turning_video, log, offset_s=500.0)
-    assert list((tmp_path / "runs").iterdir()) == []
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow
@@ -215,8 +221,74 @@ def test_a_target_that_never_shows_leaves_nothing_behind(
     turning_video: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(SourceError, match=r"was not seen .* the recording ends at \d+\.\d s"):
-        imported(tmp_path, turning_video, None, at_s=100.0)
-    assert list(tmp_path.iterdir()) == []
+        imported(tmp_path / "runs", turning_video, None, at_s=100.0)
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Ten of one size, of which the fourth is damaged, and two of another."""
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    ground = np.random.default_rng(1).integers(0, 255, (60, 90, 3), np.uint8)
+    for number in range(12):
+        image = ground[:48, : 64 if number < 10 else 80]
+        cv2.imwrite(str(folder / f"{number}.png"), image)
+    (folder / "3.png").write_bytes(b"no picture")
+    return folder
+
+
+def followed(pictures: Path, at_s: float) -> tuple[int, str]:
+    printed = io.StringIO()
+    code = import_video(
+        VideoInput(str(pictures), rate_hz=10),
+        load_settings(overrides=("recorder.keep_free_mb=1",)),
+        TargetChoice(boxes=(Box.from_xywh(20, 15, 20, 16),)),
+        at_s,
+        None,
+        None,
+        pictures.parent / "runs",
+        Console(file=printed, width=200),
+    )
+    return code, printed.getvalue()
+
+
+def test_what_ended_the_video_early_is_told(pictures: Path) -> None:
+    code, printed = followed(pictures, 0.0)
+    assert code == SUCCESS
+    assert "frame 10 is 80x48 pixels, the ones before were not: the run ends there" in printed
+    flight = open_flight(pictures.parent / "runs" / "import-pictures")
+    assert [event.text for event in flight.log.events if event.source == "video"] == [
+        "frame 10 is 80x48 pixels, the ones before were not: the run ends there"
+    ]
+    (pictures / "10.png").unlink()
+    (pictures / "11.png").unlink()
+    _, printed = followed(pictures, 0.0)
+    assert "3.png: not a readable picture" in printed
+
+
+@pytest.mark.parametrize(("at_s", "kept"), [(0.0, 6), (100.0, 0)])
+def test_ctrl_c_keeps_what_there_is(
+    pictures: Path, monkeypatch: pytest.MonkeyPatch, at_s: float, kept: int
+) -> None:
+    read = UntilResized.read
+
+    def pressing(frames: UntilResized) -> Frame | None:
+        frame = read(frames)
+        if frame is not None and frame.sequence == 6:
+            signal.raise_signal(signal.SIGINT)
+        return frame
+
+    monkeypatch.setattr(UntilResized, "read", pressing)
+    code, printed = followed(pictures, at_s)
+    assert code == INTERRUPTED
+    folder = pictures.parent / "runs" / "import-pictures"
+    if kept:
+        assert len(open_flight(folder).log.tracks) == len(rows_of(folder / "boxes.csv")) == kept
+        assert (folder / "inspection.html").is_file()
+    else:
+        assert "Ended while waiting for the target: nothing is written" in printed
+        assert not folder.parent.exists()
 
 
 @pytest.mark.parametrize(
