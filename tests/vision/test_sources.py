@@ -20,9 +20,10 @@ def picture(number: int, width: int = 64, height: int = 48) -> np.ndarray:
     return image
 
 
-def write_video(path, times_s, **options):
+def write_video(path, times_s, key_every=5, **options):
     with av.open(str(path), "w", options=options) as container:
-        stream = container.add_stream("libx264", rate=30, options={"g": "5", "bf": "0"})
+        coding = {"g": str(key_every), "bf": "0", "sc_threshold": "0"}
+        stream = container.add_stream("libx264", rate=30, options=coding)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)
         for number, time_s in enumerate(times_s):
@@ -82,6 +83,15 @@ def test_damage_that_ffmpeg_passes_over_is_told(tmp_path, kind, patch):
     source = VideoFile(path)
     assert len(everything(source)) > 50
     assert "damaged in" in source.problem
+
+
+def test_a_recording_that_begins_between_key_frames_is_not_called_cut_short(tmp_path):
+    path = write_video(tmp_path / "a.ts", np.arange(60) / 30, key_every=40)
+    whole = path.read_bytes()
+    path.write_bytes(whole[len(whole) // 6 // 188 * 188 :])
+    source = VideoFile(path)
+    assert len(everything(source)) == 20
+    assert source.problem is None
 
 
 def test_a_title_that_is_no_utf_8_is_no_hindrance(tmp_path):

@@ -41,7 +41,8 @@ def frames(
         recording's start, or on the monotonic clock.
 
     Raises:
-        SourceError: nothing can be read there; or, after the last frame, why it ended early.
+        SourceError: nothing can be read there; or, after the last frame, why it ended early or
+            that it is damaged.
         SettingsError: the source has no name.
 
     Examples:

@@ -56,6 +56,7 @@ class VideoFile(ClosesItself):
         self._damaged = 0
         self._last_s = 0.0
         self._origin_s: float | None = None
+        self._start_s = float((self._stream.start_time or 0) * (self._stream.time_base or 0))
         self._ended = False
         self._sequence = 0
         self._frames = self._decode()
@@ -66,9 +67,12 @@ class VideoFile(ClosesItself):
         """Says what is broken in the file, as far as it was read; None if nothing."""
         due_s = self.duration_s
         slack_s = 2 / self.nominal_rate_hz
-        if self._ended and due_s is not None and self._last_s < 0.95 * due_s - slack_s:
+        # A recording that began underway cannot be shown before its first key frame.
+        hidden_s = max((self._origin_s or 0.0) - self._start_s, 0.0)
+        end_s = hidden_s + self._last_s
+        if self._ended and due_s is not None and end_s < 0.95 * due_s - slack_s:
             return (
-                f"{self._path}: it ends at {self._last_s:.2f} s, though it says that it is "
+                f"{self._path}: it ends at {end_s:.2f} s, though it says that it is "
                 f"{due_s:.2f} s long; the file was cut short, copy it anew"
             )
         if self._damaged:
