@@ -44,11 +44,13 @@ def write_video(
     data: str | None = None,
     packets: Sequence[tuple[float, float, bytes]] = (),
     pans: bool = True,
+    codec: str = "mpeg4",
+    **coding: str,
 ) -> Path:
     """Write a video and, as a stream of its own, data packets of (time, duration, bytes)."""
     tick = Fraction(1, 90_000)
     with av.open(str(path), "w") as container:
-        video = container.add_stream("mpeg4", rate=RATE_HZ)
+        video = container.add_stream(codec, rate=RATE_HZ, options=coding)
         video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         video.bit_rate = 4_000_000
         stream = None if data is None else container.add_data_stream(data)

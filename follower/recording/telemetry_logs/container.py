@@ -15,7 +15,8 @@ import av.packet
 from follower.recording.telemetry_logs.gpmf import GpmfReader
 from follower.recording.telemetry_logs.klv import KlvReader
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
-from follower_vision.sources.video_file import next_packet
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.video_file import VideoFile, next_packet
 
 _READERS = (KlvReader, GpmfReader)
 _TRIED = 64
@@ -39,12 +40,13 @@ def read_container(path: Path) -> TelemetrySamples:
         TelemetryError: there is neither in it, or nothing of it is whole.
     """
     reader: KlvReader | GpmfReader | None = None
+    start_s = _first_shown_s(path)
     try:
         with av.open(str(path), metadata_errors="replace") as container:
             for data, shown_s, duration_s in _packets(container):
                 reader = reader or _reader_of(data)
                 if reader is not None:
-                    reader.take(data, shown_s, duration_s)
+                    reader.take(data, shown_s - start_s, duration_s)
     except av.error.FFmpegError as error:
         raise TelemetryError(f"{path}: no video that FFmpeg can open ({error.strerror})") from error
     if reader is None:
@@ -55,20 +57,26 @@ def read_container(path: Path) -> TelemetrySamples:
         raise TelemetryError(f"{path}: {error}") from error
 
 
+def _first_shown_s(path: Path) -> float:
+    """Return when in the file the first frame is that can be shown, 0 where none can."""
+    try:
+        with VideoFile(path) as video:
+            return video.origin_s
+    except SourceError:
+        return 0.0
+
+
 def _reader_of(data: bytes) -> KlvReader | GpmfReader | None:
     return next((kind() for kind in _READERS if kind.knows(data)), None)
 
 
 def _packets(container: av.container.InputContainer) -> Iterator[tuple[bytes, float, float]]:
-    """Yield data packets with their time and duration in seconds, 0 at the video's first frame.
+    """Yield data packets with their time in the file and their duration, in seconds.
 
     A time that the file does not tell is NaN. A damaged end is an end.
     """
     if not container.streams.data:
         return
-    start_s = 0.0
-    for stream in container.streams.video[:1]:
-        start_s = float((stream.start_time or 0) * (stream.time_base or 0))
     packets = container.demux(container.streams.data)
     while True:
         try:
@@ -79,5 +87,5 @@ def _packets(container: av.container.InputContainer) -> Iterator[tuple[bytes, fl
             return
         if packet.size:
             base = packet.time_base or 0
-            shown_s = math.nan if packet.pts is None else float(packet.pts * base) - start_s
+            shown_s = math.nan if packet.pts is None else float(packet.pts * base)
             yield bytes(packet), shown_s, float((packet.duration or 0) * base) or 1.0

@@ -68,7 +68,7 @@ class VideoFile(ClosesItself):
         due_s = self.duration_s
         slack_s = 2 / self.nominal_rate_hz
         # A recording that began underway cannot be shown before its first key frame.
-        hidden_s = max((self._origin_s or 0.0) - self._start_s, 0.0)
+        hidden_s = max(self.origin_s - self._start_s, 0.0)
         end_s = hidden_s + self._last_s
         if self._ended and due_s is not None and end_s < 0.95 * due_s - slack_s:
             return (
@@ -78,6 +78,11 @@ class VideoFile(ClosesItself):
         if self._damaged:
             return f"{self._path}: damaged in {self._damaged} of its packets; copy the file anew"
         return None
+
+    @property
+    def origin_s(self) -> float:
+        """The first frame's presentation time, from which `captured_s` counts."""
+        return self._origin_s or 0.0
 
     def read(self) -> Frame | None:
         """Return the next frame, or None at the end."""

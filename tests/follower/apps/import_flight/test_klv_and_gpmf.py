@@ -26,6 +26,7 @@ from follower.recording.telemetry_logs import TelemetryError, read_telemetry
 from follower.recording.telemetry_logs.gpmf import GpmfReader
 from follower.recording.telemetry_logs.gpmf import decode as decode_gpmf
 from follower.recording.telemetry_logs.klv import KlvReader, decode, split
+from follower_vision.sources.video_file import VideoFile
 
 VALUES = {
     5: 159.97, 6: -0.43, 7: 3.41, 13: 60.1768, 14: 128.4268, 15: 14190.7, 16: 1.44,
@@ -208,6 +209,23 @@ def test_both_are_read_out_of_real_containers_from_the_video_s_first_frame(tmp_p
     walk = read_telemetry(write_video(tmp_path / "GX010001.MP4", 2.0, "bin_data", payloads))
     assert walk.attitudes[0].time_s == pytest.approx(0.0, abs=1e-3)
     assert walk.positions[-1].time_s == pytest.approx(1.9, abs=1e-3)
+
+
+def test_times_count_from_the_first_frame_that_can_be_shown(tmp_path: Path) -> None:
+    """A stream's dump begins underway: nothing can be shown before the next key frame."""
+    packets = [
+        (n / 20, 0.05, klv_packet(10**15 + n * 50_000, {**VALUES, 5: float(n)})) for n in range(60)
+    ]
+    coding = {"codec": "libx264", "g": "30", "bf": "0", "sc_threshold": "0"}
+    path = write_video(tmp_path / "fmv.ts", 3.0, "klv", packets, **coding)
+    whole = path.read_bytes()
+    path.write_bytes(whole[len(whole) // 6 // 188 * 188 :])
+    with VideoFile(path) as video:
+        assert len(list(iter(video.read, None))) == 30
+    times_s = {
+        round(math.degrees(one.yaw_rad)): one.time_s for one in read_telemetry(path).attitudes
+    }
+    assert times_s[30] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_stream_of_klv_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
