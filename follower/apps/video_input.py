@@ -211,3 +211,16 @@ def gaps_said(log: FlightLog) -> list[str]:
         return []
     also = f", and {counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
     return [f"At {gaps[0].time_s:.1f} s {gaps[0].text}{also}"]
+
+
+_ROS_1 = b"#ROSBAG V2.0"
+
+
+def is_bag(path: Path) -> bool:
+    """Whether it is a rosbag2's folder, or ROS 1's .bag."""
+    if (path / "metadata.yaml").is_file():
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_ROS_1)) == _ROS_1

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from follower.apps.video_input import VideoInput
+from follower.apps.video_input import VideoInput, is_bag
 from follower.recording.telemetry_logs import (
     TelemetryLog,
     is_telemetry_log,
@@ -18,8 +18,6 @@ from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
 from follower_vision.sources.frame_source import FrameSource
 from follower_vision.sources.open import local_path
-
-_ROS_1 = b"#ROSBAG V2.0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,7 @@ def sort_inputs(
     videos, logs = list[str](), [] if telemetry is None else [telemetry]
     for name in files:
         path = local_path(name)
-        if path.is_file() and is_telemetry_log(path) and not _is_bag(path):
+        if path.is_file() and is_telemetry_log(path) and not is_bag(path):
             logs.append(path)
         else:
             videos.append(name)
@@ -73,7 +71,7 @@ def sort_inputs(
             raise SettingsError(f"{found[0]} and {found[1]} are two {kind}: import one at a time")
     if not videos:
         return None, logs[0]
-    source = BagInput if _is_bag(local_path(videos[0])) else VideoInput
+    source = BagInput if is_bag(local_path(videos[0])) else VideoInput
     return source(videos[0], rate_hz=rate_hz), logs[0] if logs else None
 
 
@@ -90,12 +88,3 @@ def telemetry_of(
     if telemetry is None and source is not None:
         telemetry = telemetry_of_video(local_path(source.name))
     return (None, "") if telemetry is None else (read_telemetry(telemetry), str(telemetry))
-
-
-def _is_bag(path: Path) -> bool:
-    if (path / "metadata.yaml").is_file():
-        return True
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_ROS_1)) == _ROS_1

@@ -46,7 +46,6 @@ from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself, SourceError
 from follower_vision.trackers.track import TrackState
 
-METADATA = "metadata.yaml"
 TABLE, CLIP = "telemetry.csv", "video.mp4"
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _T: dict[str, Any] = _STORE.types
@@ -256,10 +255,13 @@ def unpack(bag: Path, out: Path) -> str:
     The first topic of images counts, raw or compressed, and all Imu and Odometry messages.
 
     Raises:
-        SourceError: it is no bag, or has no images.
+        SourceError: it is no bag, or has no images; or `out` has such files already.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    for file in (out / CLIP, out / TABLE):
+        if file.exists():
+            raise SourceError(f"{file}: exists already; give another --out")
     with BagImages(bag) as images, VideoWriter(out / CLIP, 30.0) as writer:
+        out.mkdir(parents=True, exist_ok=True)
         first_s = images.first_s
         while (frame := images.read()) is not None:
             writer.write(frame.image, frame.captured_s)

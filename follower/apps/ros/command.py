@@ -132,7 +132,8 @@ def ros_demo_command(
 def ros_bag_command(
     source: Annotated[Path, typer.Argument(help="A flight's folder, or a bag.")],
     out: Annotated[
-        Path | None, typer.Option(help="Where to; `bag` or `unpacked` in it by default.")
+        Path | None,
+        typer.Option(help="Where to; `bag` or `unpacked` in it, or beside a file, by default."),
     ] = None,
 ) -> None:
     """Make a rosbag2 (MCAP) of a recorded flight, or of a bag what `follower import` takes."""
@@ -140,8 +141,11 @@ def ros_bag_command(
         from follower.apps.ros import bag
     except ImportError as error:
         raise SettingsError(_EXTRA.format(error)) from error
-    if (source / bag.METADATA).is_file():
-        typer.echo(bag.unpack(source, out or source / "unpacked"))
+    from follower.apps.video_input import is_bag
+
+    if is_bag(source):
+        beside = source if source.is_dir() else source.parent
+        typer.echo(bag.unpack(source, out or beside / "unpacked"))
     else:
         typer.echo(bag.pack(source, out or source / "bag"))
 

@@ -227,11 +227,26 @@ def test_each_message_of_tf_has_all_frames_that_are_known(bag: Path) -> None:
 
 
 def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> None:
-    path, topics = tmp_path / "flight.bag", ("/image/compressed", "/camera_info", "/imu")
+    known, new = read_bag(of_ros_1(bag, tmp_path)), read_bag(bag)
+    assert known.lens == new.lens != {}
+
+
+def of_ros_1(bag: Path, folder: Path) -> Path:
+    path, topics = folder / "flight.bag", ("/image/compressed", "/camera_info", "/imu")
     store, nothing = get_typestore(Stores.ROS1_NOETIC), ("", 0, None, "", None)
     convert([bag], path, *nothing, store, (), topics, (), ())
-    known, new = read_bag(path), read_bag(bag)
-    assert known.lens == new.lens != {}
+    return path
+
+
+def test_a_bag_of_ros_1_is_unpacked_beside_it_and_writes_over_nothing(
+    bag: Path, tmp_path: Path
+) -> None:
+    path = of_ros_1(bag, tmp_path)
+    assert "follower import" in output_of("ros-bag", str(path))
+    kept = (tmp_path / "unpacked" / CLIP).read_bytes()
+    with pytest.raises(SourceError, match="exists already"):
+        unpack(path, tmp_path / "unpacked")
+    assert (tmp_path / "unpacked" / CLIP).read_bytes() == kept
 
 
 def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path: Path) -> None:
@@ -291,3 +306,4 @@ def test_what_is_no_bag_or_exists_already_is_refused(flight: Path, bag: Path) ->
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 2
     assert "cannot be read as a bag" in result.stderr
+    assert not (flight / "broken" / "unpacked").exists()
