@@ -36,7 +36,7 @@ class RecorderSettings(StrictFields):
         buffer_mb: frames that wait for the disk take at most this much memory; a frame for which
             there is no room is left out of the video.
         keep_free_mb: the video ends when the disk has less room than this, so that the log of the
-            rest of the flight still fits.
+            rest of the flight still fits; so does the overlay of `follower track`, for its boxes.
         when_full: "go_on" or "stop": the flight, when video or log find no room.
         flight_min: for how many minutes of flight preflight wants room.
     """

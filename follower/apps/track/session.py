@@ -202,7 +202,8 @@ class TrackSession:
         live, path = self._source.in_real_time, self._files.video_in(folder)
         rate_hz = self._run.source.nominal_rate_hz
         control = None if live else partial(RecordedControl, self._settings)
-        video = None if path is None else BackgroundVideo(path, rate_hz, not live)
+        keep_free_mb = self._settings.recorder.keep_free_mb
+        video = None if path is None else BackgroundVideo(path, rate_hz, not live, keep_free_mb)
         recorder = None
         if self._files.record:
             count, clock = len(self._run.logs), self._run.clock

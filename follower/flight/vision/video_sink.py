@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
+from follower_vision.disk import free_bytes, room_said
 from follower_vision.drawing.overlay import draw_tracks
 from follower_vision.drawing.video_writer import VideoWriteError, VideoWriter
 from follower_vision.images.frame import Frame
@@ -14,6 +15,8 @@ from follower_vision.sources.frame_source import ClosesItself
 from follower_vision.trackers.track import Track
 
 _WAITING_FRAMES = 30
+_LOOK_EVERY = 30
+"""Frames from one look at the disk's room to the next."""
 
 
 class FlightVideo(Protocol):
@@ -41,12 +44,19 @@ class OverlayVideo(ClosesItself):
 
     When the disk is full it stops writing; the flight goes on. `remark` then says so.
 
+    Args:
+        path: the file.
+        rate_hz: about how many frames a second there will be.
+        keep_free_mb: it stops where the disk has less room than this, which other files need.
+
     Attributes:
         remark: what is missing in the video, None if nothing is.
     """
 
-    def __init__(self, path: Path, rate_hz: float) -> None:
+    def __init__(self, path: Path, rate_hz: float, keep_free_mb: float = 0.0) -> None:
         self._writer = VideoWriter(path, rate_hz)
+        self._keep_free = 1e6 * keep_free_mb
+        self._added = 0
         self.remark: str | None = None
 
     def close(self) -> None:
@@ -56,9 +66,19 @@ class OverlayVideo(ClosesItself):
 
     def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Draw and write."""
+        if self.remark is None and self._added % _LOOK_EVERY == 0:
+            self._leave_room()
+        self._added += 1
         if self.remark is None:
             with self._ending_early():
                 self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
+
+    def _leave_room(self) -> None:
+        free = free_bytes(self._writer.path)
+        if free is not None and free < self._keep_free:
+            self.remark = (
+                f"The video ends early: other files need the room ({room_said(self._writer.path)})"
+            )
 
     @contextmanager
     def _ending_early(self) -> Iterator[None]:
@@ -80,15 +100,18 @@ class BackgroundVideo(ClosesItself):
         path: the file.
         rate_hz: about how many frames a second there will be.
         patient: rather wait for the encoder than leave a frame out: for recordings.
+        keep_free_mb: see `OverlayVideo`.
     """
 
-    def __init__(self, path: Path, rate_hz: float, patient: bool = False) -> None:
+    def __init__(
+        self, path: Path, rate_hz: float, patient: bool = False, keep_free_mb: float = 0.0
+    ) -> None:
         self._patient = patient
         self._waiting: queue.Queue[tuple[Frame, Sequence[Track], Sequence[str]] | None] = (
             queue.Queue(_WAITING_FRAMES)
         )
         self._left_out = 0
-        self._video = OverlayVideo(path, rate_hz)
+        self._video = OverlayVideo(path, rate_hz, keep_free_mb)
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 

@@ -58,6 +58,19 @@ def test_a_video_that_cannot_be_written_is_a_remark_and_no_end(tmp_path: Path) -
     assert threading.active_count() == threads
 
 
+def test_a_video_leaves_the_room_that_other_files_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = iter([50e6, 20e6, 50e6])  # looked at every 30 frames, until there is too little
+    monkeypatch.setattr("follower.flight.vision.video_sink.free_bytes", lambda _: next(free))
+    path = tmp_path / "video.mp4"
+    with OverlayVideo(path, 30.0, keep_free_mb=30) as video:
+        for number in range(100):
+            video.add(frame(number), (), ())
+    assert frames_in(path) == 30
+    assert video.remark.startswith("The video ends early: other files need the room")
+
+
 @pytest.mark.parametrize("breaks", ["draw_tracks", "VideoWriter.close"])
 @pytest.mark.parametrize("patient", [False, True])
 def test_a_writer_that_breaks_holds_nobody_up(
