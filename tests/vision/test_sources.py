@@ -63,9 +63,11 @@ def test_a_video_gives_every_frame_in_bgr_with_its_own_time(tmp_path):
     assert source.problem is None
 
 
-def test_times_count_from_the_first_frame(tmp_path):
-    path = write_video(tmp_path / "a.ts", [5.0, 5.1, 5.2])
-    assert everything(VideoFile(path))[0].captured_s == 0
+@pytest.mark.parametrize("kind", ["ts", "mkv", "mp4"])
+def test_times_count_from_the_first_frame(tmp_path, kind):
+    source = VideoFile(write_video(tmp_path / f"a.{kind}", 5.0 + np.arange(60) / 30))
+    assert everything(source)[0].captured_s == 0
+    assert source.problem is None
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ class VideoFile(ClosesItself):
         self._damaged = 0
         self._last_s = 0.0
         self._origin_s: float | None = None
-        self._start_s = float((self._stream.start_time or 0) * (self._stream.time_base or 0))
+        self._start_s = _counts_from_s(self._stream)
         self._ended = False
         self._sequence = 0
         self._frames = self._decode()
@@ -67,7 +67,7 @@ class VideoFile(ClosesItself):
         """Says what is broken in the file, as far as it was read; None if nothing."""
         due_s = self.duration_s
         slack_s = 2 / self.nominal_rate_hz
-        # A recording that began underway cannot be shown before its first key frame.
+        # A recording may begin late, or underway: it cannot be shown before its first key frame.
         hidden_s = max(self.origin_s - self._start_s, 0.0)
         end_s = hidden_s + self._last_s
         if self._ended and due_s is not None and end_s < 0.95 * due_s - slack_s:
@@ -194,6 +194,13 @@ def _video_stream(container: av.container.InputContainer, path: Path) -> av.Vide
         container.close()
         raise SourceError(f"{path}: there is no video in this file, only audio or data")
     return container.streams.video[0]
+
+
+def _counts_from_s(stream: av.VideoStream) -> float:
+    """Return from when on the declared duration counts; a whole file's counts from 0, as in MKV."""
+    if stream.duration is None or stream.time_base is None:
+        return 0.0
+    return float((stream.start_time or 0) * stream.time_base)
 
 
 def _declared_s(container: av.container.InputContainer, stream: av.VideoStream) -> float | None:
