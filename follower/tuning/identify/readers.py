@@ -262,11 +262,15 @@ def _flight_axes(
 def _busy(times: Array, inputs: Array) -> tuple[float, float]:
     """Return from when until when an axis was busy: what the others did meanwhile is left out."""
     # The first setpoints go on from how the vehicle moved before, which is not known.
-    settled = times[1:] > times[0] + _AFTER_S / 2
-    changes = np.flatnonzero(settled & (np.abs(np.diff(inputs)) > _QUIET * np.ptp(inputs)))
-    if not len(changes):
+    settled = times >= times[0] + _AFTER_S / 2
+    if not settled.any():
         return float(times[0]), float(times[0])
-    first_s, last_s = float(times[changes[0]]), float(times[changes[-1] + 1])
+    quiet = _QUIET * np.ptp(inputs)
+    begun = np.flatnonzero(settled & (np.abs(inputs - inputs[settled][0]) > quiet))
+    if not len(begun):
+        return float(times[0]), float(times[0])
+    last = int(np.flatnonzero(np.abs(inputs - inputs[-1]) > quiet)[-1])
+    first_s, last_s = float(times[begun[0]]), float(times[last])
     return max(float(times[0]), first_s - _BEFORE_S), min(float(times[-1]), last_s + _AFTER_S)
 
 

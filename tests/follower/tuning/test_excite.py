@@ -15,7 +15,7 @@ from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower.recording.mcap_writer import McapLog
-from follower.settings.settings import load_settings
+from follower.settings.settings import Settings, load_settings
 from follower.tuning.excite import run as run_module
 from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
 from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
@@ -106,15 +106,18 @@ def test_stale_telemetry_holds_and_the_pattern_goes_on_where_it_was() -> None:
     assert stage.elapsed_s < flown_s + 1.1
 
 
+def fly(folder: Path, settings: Settings) -> ExcitationFlight:
+    clock = SimulatedClock()
+    camera = settings.camera.model(640, 480)
+    config = FlightConfig.of("simulated", settings, run=run_of(SHORT), camera=camera)
+    with Recorder(folder, config, clock, settings.recorder, threaded=False) as recorder:
+        return fly_simulated("ardupilot", settings, SHORT, recorder, clock, lambda _: None)
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ExcitationFlight]:
-    folder = tmp_path_factory.mktemp("flight") / "excite"
-    folder.mkdir()
-    clock = SimulatedClock()
-    camera = SETTINGS.camera.model(640, 480)
-    config = FlightConfig.of("simulated", SETTINGS, run=run_of(SHORT), camera=camera)
-    with Recorder(folder, config, clock, SETTINGS.recorder, threaded=False) as recorder:
-        flight = fly_simulated("ardupilot", SETTINGS, SHORT, recorder, clock, lambda _: None)
+    folder = tmp_path_factory.mktemp("flight")
+    flight = fly(folder, SETTINGS)
     return folder, flight
 
 
@@ -157,6 +160,13 @@ def test_its_recording_tells_how_the_vehicle_answers(
     assert fit.model.gain == pytest.approx(1.0, abs=0.06)
     assert 0.03 < fit.model.dead_time_s < 0.4
     assert any("down: nothing moved this axis" in remark for remark in found.remarks)
+
+
+@pytest.mark.slow
+def test_what_was_asked_for_is_seen_however_many_setpoints_it_took(tmp_path: Path) -> None:
+    """Each of many differs little from the one before."""
+    fly(tmp_path, SETTINGS.model_copy(update={"control_rate_hz": 250.0}))
+    assert VehicleAxis.FORWARD in read_recording(tmp_path).axes
 
 
 @pytest.mark.slow
