@@ -162,6 +162,14 @@ def test_tuned_gains_keep_the_sensitivity_and_settle(
     assert min(found.gains.kp, found.gains.ki + 1e-12, found.gains.kd + 1e-12) > 0
 
 
+def test_a_slow_loop_keeps_the_sensitivity_too() -> None:
+    """Far below, climbing hardly changes the elevation: its loop is worst at 0.02 rad/s."""
+    below = Conditions(elevation_rad=math.radians(-84))
+    found = tune(Axis.ELEVATION, VEHICLE, FOLLOWER, below, TuningGoal())
+    assert found.reached
+    assert found.loop.margins().max_sensitivity <= 1.6
+
+
 def test_a_wanted_bandwidth_is_met_or_said_to_be_out_of_reach() -> None:
     slow = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, TuningGoal(bandwidth_rad_s=0.8))
     assert slow.reached

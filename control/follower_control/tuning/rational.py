@@ -100,7 +100,7 @@ def _sum(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(float(x) for x in np.polyadd(a, b))
 
 
-def frequencies(lowest_rad_s: float = 0.01, highest_rad_s: float = 100.0) -> Array:
+def frequencies(lowest_rad_s: float = 0.001, highest_rad_s: float = 100.0) -> Array:
     """Return a grid, (N,) rad/s, that is dense enough for the margins below."""
     count = round(250 * math.log10(highest_rad_s / lowest_rad_s)) + 1
     return np.geomspace(lowest_rad_s, highest_rad_s, count)

@@ -18,7 +18,7 @@ from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.rational import bandwidth_rad_s, frequencies, max_sensitivity_of
 from follower_control.tuning.response_model import VehicleModel
 
-_GRID = frequencies(0.03, 40.0)[::3]
+_GRID = frequencies(highest_rad_s=40.0)[::3]
 _STEP, _REFINEMENTS = 1.25, 4
 _LOWEST, _HIGHEST = 0.05, 20.0
 _INTEGRAL_PER_S = {Axis.AZIMUTH: (0.0,), Axis.ELEVATION: (0.05, 0.125), Axis.RANGE: (0.05, 0.1)}
