@@ -201,6 +201,14 @@ def test_gains_of_zero_are_a_beginning_like_any_other() -> None:
     assert found.gains.kp > 0.1
 
 
+@pytest.mark.parametrize("odd", [PidSettings(kp=0.5, kd=1e6), PidSettings(kp=1e-9, ki=0.1)])
+def test_gains_that_cannot_be_raised_in_their_ratio_are_tuned_in_others(odd: PidSettings) -> None:
+    follower = replace(FOLLOWER, servo=replace(ServoSettings(), elevation=odd))
+    found = tune(Axis.ELEVATION, VEHICLE, follower, HERE, TuningGoal(jitter_factor=100.0))
+    assert found.loop.is_stable(), found.because
+    assert found.gains.kd < 1.0 < 20 * found.gains.kp
+
+
 @pytest.mark.parametrize(
     "tight",
     [
@@ -220,6 +228,8 @@ def test_what_is_no_model_or_wish_is_refused() -> None:
         lambda: ResponseModel(0.0, 0.1, 0.2),
         lambda: ResponseModel(1.0, -0.1, 0.2),
         lambda: ResponseModel(1.0, 0.1, math.nan),
+        lambda: ResponseModel(1e-300, 0.1, 0.2),
+        lambda: ResponseModel(1.0, 0.1, 1e200),
         lambda: ResponseModel(1.0, 0.1, 0.2, damping=0.0),
         lambda: ResponseModel(1.0, 0.1, 0.2, rate_limit=0.0),
         lambda: LoopDelays(camera_s=-0.1),

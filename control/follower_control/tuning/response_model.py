@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfiltic
 
-from follower_control.common.strict_config import check_positive, check_ranges
+from follower_control.common.strict_config import check_ranges
 from follower_control.tuning.rational import Array, Rational
 
 STEP_S = 0.01
@@ -35,8 +35,15 @@ class ResponseModel:
     rate_limit: float | None = None
 
     def __post_init__(self) -> None:
-        check_positive(self, "gain", "time_constant_s", "damping", "rate_limit")
-        check_ranges(self, dead_time_s=(0, 3600), lead_s=(0, 3600))
+        check_ranges(
+            self,
+            gain=(0.01, 100),
+            dead_time_s=(0, 3600),
+            time_constant_s=(1e-4, 3600),
+            damping=(0.01, 100),
+            lead_s=(0, 3600),
+            rate_limit=(1e-3, 1e4),
+        )
 
     @property
     def order(self) -> int:

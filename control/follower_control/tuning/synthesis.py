@@ -25,6 +25,8 @@ _INTEGRAL_PER_S = {Axis.AZIMUTH: (0.0,), Axis.ELEVATION: (0.05, 0.125), Axis.RAN
 """Integral gain over proportional gain, to choose from; the present ratio is tried too."""
 _DERIVATIVE_S = {Axis.AZIMUTH: (0.0,), Axis.ELEVATION: (0.0, 0.2), Axis.RANGE: (0.0, 0.3, 0.6, 1.0)}
 """Derivative gain over proportional gain, likewise."""
+_HIGHEST_RATIO = 1e4
+"""A present ratio above this is not tried: raised with it, gains leave what a loop may have."""
 _USUAL_ERROR = {Axis.AZIMUTH: 0.15, Axis.ELEVATION: 0.08, Axis.RANGE: 0.2}
 _SMOOTH_PEAK = 1.25
 """What is wanted is followed without more resonance than this; a steady error aside."""
@@ -123,11 +125,15 @@ class _Search:
     def starts(self) -> Iterator[PidSettings]:
         """Yield gains of almost nothing with each ratio between them."""
         present, axis = self._present, self._axis
-        size = present.kp or math.inf  # to gains of zero there is no ratio
-        for integral in sorted({*_INTEGRAL_PER_S[axis], round(present.ki / size, 4)}):
-            for derivative in sorted({*_DERIVATIVE_S[axis], round(present.kd / size, 4)}):
+        for integral in self._ratios(_INTEGRAL_PER_S[axis], present.ki):
+            for derivative in self._ratios(_DERIVATIVE_S[axis], present.kd):
                 ki, kd = _LOWEST * integral, _LOWEST * derivative
                 yield replace(present, kp=_LOWEST, ki=ki, kd=kd)
+
+    def _ratios(self, usual: Sequence[float], present: float) -> list[float]:
+        """Return which ratios to the proportional gain to try; to one of zero there is none."""
+        ratio = present / self._present.kp if self._present.kp else math.inf
+        return sorted({*usual, round(ratio, 4)} if ratio <= _HIGHEST_RATIO else usual)
 
     def raised(self, gains: PidSettings) -> _Candidate | None:
         """Return the highest of these gains up to which everything holds, None if none does."""

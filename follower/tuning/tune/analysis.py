@@ -52,8 +52,8 @@ def _parsed(text: str, conditions: Conditions) -> WhatIf:
             conditions = _changed(conditions, key, value)
         except ValueError as error:
             raise SettingsError(f"--what-if {text}: {error}") from None
-    if not 0 < gain < 100:
-        raise SettingsError(f"--what-if {text}: a gain's factor is above 0 and below 100")
+    if not 0.01 <= gain <= 100:
+        raise SettingsError(f"--what-if {text}: a gain's factor lies between 0.01 and 100")
     return WhatIf(conditions, gain, text)
 
 

@@ -102,7 +102,10 @@ def test_a_known_delay_takes_hardly_any_margin_and_dead_time_takes_it_from_every
 
 @pytest.mark.parametrize(
     "wrong",
-    ["dealy=0.1", "delay=soon", "delay=-1", "gain=0", "range=0", "camera_rate=0", "delay=nan"],
+    [
+        *("dealy=0.1", "delay=soon", "delay=-1", "delay=nan", "gain=0", "gain=1e-300"),
+        *("range=0", "camera_rate=0"),
+    ],
 )
 def test_a_what_if_that_makes_no_sense_is_refused(wrong: str) -> None:
     with pytest.raises(SettingsError, match="--what-if"):
