@@ -111,11 +111,17 @@ def tune_follower(options: TuneOptions) -> int:
         print_line(console, f"The vehicle's identification said: {remark}", "yellow")
     for file in (path, report):
         print_line(console, str(file))
-    # Settings of a real vehicle have another lens, and leave taking off to a pilot.
-    flown = f"sim {shlex.quote(scenario or 'winding')} --lockstep"
-    program = flown if options.config is None else "fly ..."
-    print_line(console, f"Next: follower {program} -c {shlex.quote(str(path))}")
+    print_line(console, f"Next: follower {_flown(options)} -c {shlex.quote(str(path))}")
     return 0
+
+
+def _flown(options: TuneOptions) -> str:
+    """Return the command that flies by the gains, for the vehicle that they are for."""
+    if options.config is not None:
+        # Settings of a real vehicle have another lens, and leave taking off to a pilot.
+        return "fly ..."
+    simulated = f"sim {shlex.quote(options.scenario or 'winding')} --lockstep"
+    return f"{simulated} --autopilot ardupilot" if options.vehicle == "ardupilot" else simulated
 
 
 def tuned_yaml(data: dict[str, object], found: Sequence[AxisAnalysis], command: str) -> str:

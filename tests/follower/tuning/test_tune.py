@@ -124,6 +124,14 @@ def test_a_loop_without_proportional_gain_gets_one(tmp_path: Path) -> None:
     assert load_settings(tmp_path / "tune" / "tuned.yaml").servo.range.kp > 0.1
 
 
+def test_what_is_named_next_flies_the_vehicle_that_the_gains_are_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tune_follower(TuneOptions("ardupilot", out=tmp_path)) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Next: follower sim winding --lockstep --autopilot ardupilot -c" in said
+
+
 def test_what_is_no_vehicle_or_wish_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="there is no vehicle 'px5'"):
         find_vehicle("px5")
