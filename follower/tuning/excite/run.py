@@ -23,6 +23,7 @@ from follower.links.open import open_link
 from follower.recording import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.recording.run_folder import new_run_folder
 from follower.settings.settings import Settings, load_settings
+from follower.settings.supervisor import ConsentSettings
 from follower.tuning.excite.pattern import RUN_KEY, ExcitationSettings, Pattern
 from follower.tuning.excite.stage import ExcitationStage, excitation_settings
 from follower.ui.terminal.console import print_line
@@ -184,8 +185,10 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
     Raises:
         SettingsError, ConnectionFailedError: what the user can mend, in one line.
     """
-    base = {"autonomy": "pilot" if run.connect else "full"}
-    settings = excitation_settings(load_settings(config, base, overrides))
+    settings = excitation_settings(load_settings(config, overrides=overrides))
+    if run.connect is None:  # on a simulated clock nobody else can be pilot or operator
+        alone = {"autonomy": "full", "consent": ConsentSettings()}
+        settings = settings.model_copy(update=alone)
     console = Console()
     length_s = Pattern(run.excitation).length_s
     words = TextColumn("{task.description}", markup=False)

@@ -15,7 +15,7 @@ from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower.recording.mcap_writer import McapLog
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import Settings, configs_folder, load_settings
 from follower.tuning.excite import run as run_module
 from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
 from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
@@ -216,6 +216,14 @@ def test_ctrl_c_holds_releases_and_says_how_far_it_came_and_what_is_next(
     log = open_flight(tmp_path / "excite").log
     assert log.controls[-1].state is SupervisorState.RELEASED
     assert log.controls[-1].allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_in_the_simulator_nobody_is_waited_for(tmp_path: Path) -> None:
+    """By a real vehicle's settings it would be for a pilot, and an operator's consent."""
+    run = run_module.ExcitationRun(SHORT, None, "px4", tmp_path, 0.0, 0, "follower excite")
+    settings = configs_folder() / "fly" / "px4.yaml"
+    assert run_module.excite(run, settings, ("consent.kind=command",)) == 0
 
 
 def test_a_seed_below_zero_is_refused_before_anything_is_flown() -> None:
