@@ -136,6 +136,16 @@ def test_a_target_at_steady_speed_is_kept_without_error_by_the_feed_forward() ->
         assert error[-1] == pytest.approx(0.0, abs=0.03)
 
 
+@pytest.mark.parametrize("hold_height", [False, True])
+def test_the_speed_of_a_target_far_below_is_fed_forward_as_it_is(hold_height: bool) -> None:
+    """Whether climbing with it or not: without an integral nothing of the error stays."""
+    follower = replace(FOLLOWER, servo=ServoSettings(hold_height=hold_height))
+    below = Conditions(elevation_rad=-1.0)
+    found = axis_loop(Axis.RANGE, PidSettings(kp=0.1), VEHICLE, follower, below)
+    _, error = found.disturbance_response(60.0)
+    assert error[-1] == pytest.approx(0.0, abs=0.1)
+
+
 def test_the_cameras_delay_hardly_matters_to_a_loop_unless_stamps_are_wrong() -> None:
     late = replace(HERE, delays=LoopDelays(camera_s=0.3))
     wrong = replace(HERE, delays=LoopDelays(camera_s=0.3, stamp_error_s=0.15))

@@ -212,15 +212,16 @@ def _range(
     if servo.schedule_range:
         share = 1 / scale
         gains = replace(gains, kp=share * gains.kp, ki=share * gains.ki, kd=share * gains.kd)
-    # The speed is horizontal, the range is along the line of sight.
+    # Speeds are horizontal, the range is along the line of sight.
+    moved = scale * level if servo.hold_height else scale / level
     value, rate = (f(delays.image_age_s) for f in (filters.place.value, filters.place.rate))
-    seen = pid(gains) * value + rate.scaled(1.0 / (scale * level))
+    seen = pid(gains) * value + rate.scaled(1.0 / moved)
     own = pid(gains) * value + rate.scaled(level / scale)
     return AxisLoop(
         Axis.RANGE,
         "log",
         _plant(vehicle.forward, conditions, _smoothing_s(follower, conditions)),
-        integrator(scale * level if servo.hold_height else scale / level),
+        integrator(moved),
         (pid(gains), (own * filters.estimator.missed).scaled(-1.0)),
         seen * filters.estimator.value(0.0),
         _without_derivative(gains),
