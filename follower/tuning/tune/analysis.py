@@ -43,15 +43,14 @@ def parse_what_ifs(texts: Sequence[str], conditions: Conditions) -> list[WhatIf]
 
 
 def _parsed(text: str, conditions: Conditions) -> WhatIf:
-    gain = 1.0
-    for part in text.split(","):
-        key, value = _pair(text, part)
-        if key == "gain":
-            gain = value
-        try:
-            conditions = _changed(conditions, key, value)
-        except ValueError as error:
-            raise SettingsError(f"--what-if {text}: {error}") from None
+    values = dict(_pair(text, part) for part in text.split(","))
+    gain = values.get("gain", 1.0)
+    try:
+        for key in KEYS:  # a delay before the stamp's error, which is a part of it
+            if key in values:
+                conditions = _changed(conditions, key, values[key])
+    except ValueError as error:
+        raise SettingsError(f"--what-if {text}: {error}") from None
     if not 0.01 <= gain <= 100:
         raise SettingsError(f"--what-if {text}: a gain's factor lies between 0.01 and 100")
     return WhatIf(conditions, gain, text)

@@ -87,6 +87,8 @@ def test_what_ifs_change_what_they_name() -> None:
     assert wrong.conditions.delays.stamp_error_s == 0.1
     assert wrong.conditions.delays.frame_interval_s == pytest.approx(1 / 15)
     assert (far.conditions.range_m, far.gain) == (40.0, 2.0)
+    one, other = parse_what_ifs(["delay=0.05,stamp_error=0.1", "stamp_error=0.1,delay=0.05"], here)
+    assert one.conditions == other.conditions
 
 
 def test_a_known_delay_takes_hardly_any_margin_and_dead_time_takes_it_from_every_loop() -> None:
