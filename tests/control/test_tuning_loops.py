@@ -156,6 +156,7 @@ def test_the_cameras_delay_hardly_matters_to_a_loop_unless_stamps_are_wrong() ->
         now, then = loop(axis).margins(), loop(axis, late).margins()
         assert then.gain == pytest.approx(now.gain, rel=0.05)
         assert then.max_sensitivity == pytest.approx(now.max_sensitivity, rel=0.05)
+        assert loop(axis, wrong).margins().max_sensitivity > 1.1 * then.max_sensitivity
 
 
 @pytest.mark.parametrize("axis", Axis)

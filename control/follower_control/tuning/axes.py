@@ -1,8 +1,9 @@
 """The follow loops of the servo, axis by axis, as linear systems about steady following.
 
-Left out: limits, the slowing down for a target off-axis, and what one axis does to another. The
-range loop is that after a moving target while the vehicle stays behind what was sent, for which the
-servo asks for more: the least of its margins.
+Left out: limits, the slowing down for a target off-axis, and what one axis does to another, as
+when the vehicle pitches to speed up and the frames' stamps are wrong. The range loop is that after
+a moving target while the vehicle stays behind what was sent, for which the servo asks for more: the
+least of its margins.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from follower_control.servo.pursuit_state import ACROSS, ALONG, ALONG_GROUND
 from follower_control.servo.servo import IN_VAIN_S
 from follower_control.servo.settings import RangeFrom, ServoSettings
 from follower_control.target.settings import EstimatorSettings
-from follower_control.tuning.axis_loop import AxisLoop, Conditions
+from follower_control.tuning.axis_loop import AxisLoop, Conditions, LoopDelays
 from follower_control.tuning.rational import ONE, Rational, integrator
 from follower_control.tuning.response_model import ResponseModel, VehicleModel
 
@@ -154,24 +155,17 @@ class _TargetFilters:
 def _azimuth(
     gains: PidSettings, vehicle: VehicleModel, follower: LoopSettings, conditions: Conditions
 ) -> AxisLoop:
-    """Yaw is known from telemetry at once: the camera's delay stands before the target alone.
-
-    A wrong stamp lets our own turning look like the target's for as long as it is wrong.
-    """
+    """Yaw is known from telemetry at once: the camera's delay stands before the target alone."""
     delays = conditions.delays
     filters = _direction_filters(follower, conditions, Axis.AZIMUTH)
     controller = pid(gains)
     seen = controller * filters.value(0.0) + filters.rate(0.0)
-    own: tuple[Rational, ...] = (controller,)
-    if delays.stamp_error_s:
-        late = delays.image_age_s
-        own = (*own, seen.scaled(-1.0).delayed(late - delays.stamp_error_s), seen.delayed(late))
     return AxisLoop(
         Axis.AZIMUTH,
         "rad",
         _plant(vehicle.yaw_rate, conditions, 0.0),
         integrator(),
-        own,
+        (controller, *_mistaken(seen, delays)),
         controller * filters.value(delays.image_age_s) + filters.rate(delays.image_age_s),
         _without_derivative(gains),
         filters.estimator.noise,
@@ -183,18 +177,23 @@ def _azimuth(
 def _elevation(
     gains: PidSettings, vehicle: VehicleModel, follower: LoopSettings, conditions: Conditions
 ) -> AxisLoop:
-    filters = _direction_filters(follower, conditions, Axis.ELEVATION)
-    seen = pid(gains) * filters.place.value(conditions.delays.image_age_s)
+    filters, delays = _direction_filters(follower, conditions, Axis.ELEVATION), conditions.delays
+    controller = pid(gains)
+    seen = controller * filters.place.value(delays.image_age_s)
     return AxisLoop(
         Axis.ELEVATION,
         "rad",
         _plant(vehicle.down, conditions, _smoothing_s(follower, conditions)),
         integrator(math.cos(conditions.elevation_rad)),
-        (pid(gains), (seen * filters.estimator.missed).scaled(-1.0)),
-        pid(gains) * filters.value(conditions.delays.image_age_s),
+        (
+            controller,
+            (seen * filters.estimator.missed).scaled(-1.0),
+            *_mistaken(controller * filters.value(0.0), delays),
+        ),
+        controller * filters.value(delays.image_age_s),
         _without_derivative(gains),
         filters.estimator.noise,
-        conditions.delays.frame_interval_s,
+        delays.frame_interval_s,
         conditions.range_m,
     )
 
@@ -217,12 +216,17 @@ def _range(
     value, rate = (f(delays.image_age_s) for f in (filters.place.value, filters.place.rate))
     seen = pid(gains) * value + rate.scaled(1.0 / moved)
     own = pid(gains) * value + rate.scaled(level / scale)
+    at_once = pid(gains) * filters.value(0.0) + filters.rate(0.0).scaled(level / scale)
     return AxisLoop(
         Axis.RANGE,
         "log",
         _plant(vehicle.forward, conditions, _smoothing_s(follower, conditions)),
         integrator(moved),
-        (pid(gains), (own * filters.estimator.missed).scaled(-1.0)),
+        (
+            pid(gains),
+            (own * filters.estimator.missed).scaled(-1.0),
+            *_mistaken(at_once, delays),
+        ),
         seen * filters.estimator.value(0.0),
         _without_derivative(gains),
         filters.estimator.noise,
@@ -230,6 +234,19 @@ def _range(
         servo.distance_m,
         Rational((1.0,), (IN_VAIN_S, 1.0)),
     )
+
+
+def _mistaken(seen: Rational, delays: LoopDelays) -> tuple[Rational, ...]:
+    """Return what is made of our own motion that a wrong stamp lets look like the target's.
+
+    Args:
+        seen: from what the target did, seen at once, to the loop's output.
+        delays: with the stamp's error.
+    """
+    if not delays.stamp_error_s:
+        return ()
+    late_s = delays.image_age_s
+    return seen.scaled(-1.0).delayed(late_s - delays.stamp_error_s), seen.delayed(late_s)
 
 
 def _plant(model: ResponseModel, conditions: Conditions, smoothing_s: float) -> Rational:
