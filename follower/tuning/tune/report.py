@@ -260,7 +260,6 @@ def _assumed(conditions: Conditions) -> list[tuple[str, str]]:
         ("From the camera's exposure to the setpoint", f"{1e3 * delays.camera_s:.0f} ms"),
         ("Between two frames", f"{1e3 * delays.frame_interval_s:.0f} ms"),
         ("Between two setpoints", f"{1e3 * delays.control_interval_s:.0f} ms"),
-        ("Age of the position", f"{1e3 * delays.position_s:.0f} ms"),
         ("Error of the frames' stamps", f"{1e3 * delays.stamp_error_s:.0f} ms"),
         ("How hard the vehicle is steered", f"{conditions.acceleration_m_s2:g} m/s²"),
     ]

@@ -67,6 +67,7 @@ def test_the_report_opens_and_shows_every_loop(tuned: Path) -> None:
     assert page.count("<svg") == 3 * len(Axis)
     assert "unstable" in page  # nine times the gain and 0.3 s more
     assert "delay=0.15" in page
+    assert "Age of the position" not in page  # no loop depends on it
     assert "http" not in page.replace("http-equiv", "")
 
 
