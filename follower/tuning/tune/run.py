@@ -128,7 +128,7 @@ def tuned_yaml(data: dict[str, object], found: Sequence[AxisAnalysis], command: 
     """Return the user's own settings with the new gains in them, for `-c` of fly and sim."""
     lines = "".join(f"#   {line}\n" for line in table_lines(found))
     text = yaml.safe_dump(merged(data, overlay(found)), sort_keys=False, allow_unicode=True)
-    return f"# Gains by: {command}\n{lines}{text}"
+    return f"# Gains by: {' '.join(command.split())}\n{lines}{text}"
 
 
 def table_lines(found: Sequence[AxisAnalysis]) -> list[str]:

@@ -32,7 +32,7 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Path:
         max_sensitivity=1.5,
         what_ifs=("delay=0.15", "gain=9,dead_time=0.3"),
         out=base / "runs",
-        command="follower tune ardupilot",
+        command="follower tune\nardupilot",
     )
     assert tune_follower(options) == 0
     return base / "runs" / "tune"
