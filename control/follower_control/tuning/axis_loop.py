@@ -138,8 +138,7 @@ class LoopDelays:
         camera_s: from a frame's exposure to the first setpoint made from it.
         frame_interval_s: between two frames.
         control_interval_s: between two setpoints.
-        position_s: age of the newest position when it is used; no loop depends on it, for the
-            velocity that came with it leads on.
+        position_s: age of the newest position when it is used; no loop depends on it.
         stamp_error_s: how much later than the exposure the frames' stamps are, unknown to the
             follower (its own `camera.latency_s` taken off).
         extra_s: more dead time on the way to the vehicle, unknown to anybody.

@@ -118,6 +118,12 @@ def identification(recordings: Sequence[Recording]) -> Identification:
         for axis, fit in fits.items()
         if fit.held_out_fit < _DOUBTFUL
     ]
+    if pursued := [axis for axis in fits if not _excited(recordings, axis)]:
+        remarks.append(
+            f"{', '.join(pursued)}: fitted to pursuits, in which setpoints depend on the vehicle's "
+            "answer and all axes move at once: gain and dead time can be wrong in spite of a good "
+            "fit; fly `follower excite`"
+        )
     sources = tuple(one.name for one in recordings)
     return Identification(sources, fits, data, delays, size, tuple(remarks))
 
@@ -134,15 +140,18 @@ def _chosen(recordings: Sequence[Recording], axis: VehicleAxis) -> list[Response
     In a pursuit the axes move together, and a velocity in a turning nose's frame is more than one
     axis' answer.
     """
-    found: list[ResponseData] = []
-    for wanted in (True, False):
-        found = found or [
-            record
-            for one in recordings
-            if one.is_excitation is wanted
-            for record in one.axes.get(axis, ())
-        ]
-    return found
+    wanted = _excited(recordings, axis)
+    return [
+        record
+        for one in recordings
+        if one.is_excitation is wanted
+        for record in one.axes.get(axis, ())
+    ]
+
+
+def _excited(recordings: Sequence[Recording], axis: VehicleAxis) -> bool:
+    """Whether an identification flight moved an axis."""
+    return any(one.is_excitation and one.axes.get(axis) for one in recordings)
 
 
 def _delays(recordings: Sequence[Recording]) -> dict[str, Spread]:

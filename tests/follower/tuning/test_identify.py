@@ -4,6 +4,7 @@ import csv
 import math
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 import yaml
 from real_data import DATA, needs_data
 
-from follower.tuning.identify.readers import VehicleAxis
+from follower.tuning.identify.readers import Recording, VehicleAxis
 from follower.tuning.identify.result import Spread, delay_named, load_vehicle, write_identification
 from follower.tuning.identify.run import identification, identify, read_recording
 from follower_control.common.strict_config import SettingsError
@@ -166,6 +167,18 @@ def test_the_next_step_is_one_that_works(
     assert "not known for forward, down: identify a flight of `follower excite`" in said
     assert "[m/s]" in said
     assert "[rad/s]" in said
+
+
+@pytest.mark.parametrize("is_excitation", [True, False])
+def test_a_model_of_a_pursuit_is_told_as_one(is_excitation: bool) -> None:
+    times = np.arange(0.0, 24.0, 0.02)
+    steps, levels = np.array([0.0, 2.0, 8.0, 14.0]), np.array([0.0, 1.0, -1.0, 0.0])
+    asked = ResponseData("fly", steps, levels, times, 0 * times)
+    flown = replace(asked, outputs=asked.predicted(ResponseModel(0.9, 0.2, 0.4)))
+    axes = {VehicleAxis.FORWARD: [flown]}
+    found = identification([Recording("fly", axes, is_excitation=is_excitation)])
+    told = any("forward: fitted to pursuits" in remark for remark in found.remarks)
+    assert told is not is_excitation
 
 
 def test_a_delay_is_named_by_its_key_and_in_words() -> None:
