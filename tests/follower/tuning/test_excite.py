@@ -22,6 +22,7 @@ from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
 from follower.tuning.excite.stage import ExcitationStage, excitation_settings
 from follower.tuning.identify.readers import VehicleAxis
 from follower.tuning.identify.run import identification, read_recording
+from follower.tuning.tune.run import find_vehicle
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
@@ -106,18 +107,23 @@ def test_stale_telemetry_holds_and_the_pattern_goes_on_where_it_was() -> None:
     assert stage.elapsed_s < flown_s + 1.1
 
 
-def fly(folder: Path, settings: Settings) -> ExcitationFlight:
+def fly(
+    folder: Path,
+    settings: Settings = SETTINGS,
+    excitation: ExcitationSettings = SHORT,
+    flavour: str = "ardupilot",
+) -> ExcitationFlight:
     clock = SimulatedClock()
     camera = settings.camera.model(640, 480)
-    config = FlightConfig.of("simulated", settings, run=run_of(SHORT), camera=camera)
+    config = FlightConfig.of("simulated", settings, run=run_of(excitation), camera=camera)
     with Recorder(folder, config, clock, settings.recorder, threaded=False) as recorder:
-        return fly_simulated("ardupilot", settings, SHORT, recorder, clock, lambda _: None)
+        return fly_simulated(flavour, settings, excitation, recorder, clock, lambda _: None)
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ExcitationFlight]:
     folder = tmp_path_factory.mktemp("flight")
-    flight = fly(folder, SETTINGS)
+    flight = fly(folder)
     return folder, flight
 
 
@@ -167,6 +173,18 @@ def test_what_was_asked_for_is_seen_however_many_setpoints_it_took(tmp_path: Pat
     """Each of many differs little from the one before."""
     fly(tmp_path, SETTINGS.model_copy(update={"control_rate_hz": 250.0}))
     assert VehicleAxis.FORWARD in read_recording(tmp_path).axes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flavour", run_module.FLAVOURS)
+def test_the_vehicles_that_come_along_answer_as_the_simulated_ones_do(
+    flavour: str, tmp_path: Path
+) -> None:
+    fly(tmp_path, excitation=ExcitationSettings(right_m_s=0, vertical_m_s=0), flavour=flavour)
+    found, known = identification([read_recording(tmp_path)]).fits, find_vehicle(flavour).vehicle
+    for axis in (VehicleAxis.FORWARD, VehicleAxis.YAW_RATE):
+        assert found[axis].model.dead_time_s == pytest.approx(known[axis].dead_time_s, abs=0.01)
+        assert found[axis].model.order == known[axis].order
 
 
 @pytest.mark.slow
