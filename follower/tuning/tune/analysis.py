@@ -9,6 +9,7 @@ from follower.settings.settings import Settings
 from follower.tuning.identify.result import VehicleFile
 from follower_control.common.strict_config import SettingsError
 from follower_control.servo.pid import PidSettings
+from follower_control.servo.settings import FollowMode, ServoSettings
 from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
 from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.response_model import VehicleModel
@@ -151,6 +152,26 @@ def analyse(
             others.append((one.words, loop))
         found.append(AxisAnalysis(axis, gains, now, tuned, tuple(others), goal.max_sensitivity))
     return found
+
+
+_UNLIKE_CHASE = {
+    FollowMode.WATCH: "it uses azimuth alone",
+    FollowMode.SIDE: "servo.bearing, which only it uses, is not tuned",
+    FollowMode.ORBIT: "servo.orbit_rate, which only it uses, is not tuned",
+}
+
+
+def mode_remarks(servo: ServoSettings) -> list[str]:
+    """Return in sentences what the loops of chasing do not say of the mode that is set."""
+    remarks = []
+    if servo.mode is not FollowMode.CHASE:
+        unlike = _UNLIKE_CHASE.get(
+            servo.mode, "these are the loops of chase; its own are not tuned"
+        )
+        remarks.append(f"servo.mode is {servo.mode}: {unlike}")
+    if servo.hold_height:
+        remarks.append("servo.hold_height is set: the elevation loop does nothing")
+    return remarks
 
 
 def overlay(analysis: Sequence[AxisAnalysis]) -> dict[str, Any]:

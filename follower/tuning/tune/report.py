@@ -203,7 +203,7 @@ def write_tuning(
     command: str,
     remarks: Sequence[str] = (),
 ) -> Path:
-    """Write the page and return its path; `remarks` are those of the vehicle's identification."""
+    """Write the page and return its path; `remarks` are what else is to be known, in sentences."""
     meta = ReportMeta(
         "Follow gains",
         f"at {conditions.range_m:g} m and {math.degrees(conditions.elevation_rad):.0f} degrees of "
@@ -222,10 +222,9 @@ def _parts(
     remarks: Sequence[str],
 ) -> list[str]:
     lines = [f"{one.axis}: {one.tuned.because}" for one in found if one.tuned is not None]
-    lines += [f"The vehicle's identification said: {remark}" for remark in remarks]
     others = what_if_rows(found)
     return [
-        flight_page.verdict_box("", "What limits the gains", lines),
+        flight_page.verdict_box("", "What limits the gains", [*lines, *remarks]),
         html.section(
             "Before and after",
             html.table(HEAD, rows(found), numbers=tuple(range(2, len(HEAD)))),

@@ -21,6 +21,7 @@ from follower.tuning.tune.analysis import (
     AxisAnalysis,
     analyse,
     conditions_of,
+    mode_remarks,
     overlay,
     parse_what_ifs,
 )
@@ -96,8 +97,10 @@ def tune_follower(options: TuneOptions) -> int:
     with console.status("Tuning"):
         found = analyse(settings, model, conditions, goals, what_ifs)
     data, _ = settings_data(options.config, None, options.overrides)
+    said = [f"The vehicle's identification said: {remark}" for remark in vehicle.remarks]
+    remarks = [*mode_remarks(settings.servo), *said]
     folder = new_run_folder(options.out, "tune")
-    report = write_tuning(folder / REPORT, found, conditions, options.command, vehicle.remarks)
+    report = write_tuning(folder / REPORT, found, conditions, options.command, remarks)
     path = folder / TUNED_FILE
     path.write_text(tuned_yaml(data, found, options.command), "utf-8")
     load_settings(path)  # what is written can be read
@@ -107,8 +110,8 @@ def tune_follower(options: TuneOptions) -> int:
             print_line(console, f"{one.axis}: {one.tuned.because}")
     if what_ifs:
         console.print(terminal_table(WHAT_IF_HEAD, what_if_rows(found)))
-    for remark in vehicle.remarks:
-        print_line(console, f"The vehicle's identification said: {remark}", "yellow")
+    for remark in remarks:
+        print_line(console, remark, "yellow")
     for file in (path, report):
         print_line(console, str(file))
     print_line(console, f"Next: follower {_flown(options)} -c {shlex.quote(str(path))}")

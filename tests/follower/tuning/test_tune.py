@@ -172,6 +172,22 @@ def test_what_the_identification_doubted_is_told_again(
     assert doubt in (tmp_path / "tune" / "tuning.html").read_text("utf-8")
 
 
+@pytest.mark.parametrize(
+    ("overrides", "remark"),
+    [
+        (("servo.mode=watch",), "servo.mode is watch: it uses azimuth alone"),
+        (("servo.mode=overhead",), "overhead: these are the loops of chase; its own are not tuned"),
+        (("servo.hold_height=true",), "servo.hold_height is set: the elevation loop does nothing"),
+    ],
+)
+def test_what_the_loops_of_chasing_do_not_say_of_the_settings_is_told(
+    overrides: tuple[str, ...], remark: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tune_follower(TuneOptions("px4", overrides=overrides, out=tmp_path)) == 0
+    assert remark in " ".join(capsys.readouterr().out.split())
+    assert remark in (tmp_path / "tune" / "tuning.html").read_text("utf-8")
+
+
 def test_a_vehicle_that_no_gains_can_hold_is_reported_as_that(tmp_path: Path) -> None:
     slow = yaml.safe_load((configs_folder() / "vehicles" / "px4.yaml").read_text("utf-8"))
     slow["vehicle"]["yaw_rate"]["dead_time_s"] = 20
