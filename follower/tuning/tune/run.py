@@ -17,6 +17,7 @@ from follower.settings.settings import (
     settings_data,
 )
 from follower.tuning.identify.result import VehicleFile, load_vehicle
+from follower.tuning.identify.run import VEHICLE_FILE
 from follower.tuning.tune.analysis import (
     AxisAnalysis,
     analyse,
@@ -150,8 +151,8 @@ def find_vehicle(text: str) -> VehicleFile:
         SettingsError: there is neither.
     """
     path = Path(text)
-    if path.is_dir():
-        path /= "vehicle.yaml"
+    if (path / VEHICLE_FILE).is_file():
+        path /= VEHICLE_FILE
     if path.suffix in (".yaml", ".yml"):
         return load_vehicle(path)
     known = {one.stem: one for one in sorted((configs_folder() / "vehicles").glob("*.yaml"))}

@@ -127,6 +127,19 @@ def test_a_loop_without_proportional_gain_gets_one(tmp_path: Path) -> None:
     assert load_settings(tmp_path / "tune" / "tuned.yaml").servo.range.kp > 0.1
 
 
+def test_a_folder_is_the_vehicle_that_was_identified_in_it_or_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("px4", "excite", "identify"):
+        Path(folder).mkdir()
+    mine = changed_vehicle(Path("identify"), delays={"camera_s": 0.3})
+    assert find_vehicle("identify") == load_vehicle(mine)
+    assert find_vehicle("px4").delays.camera_s == pytest.approx(0.074, abs=1e-3)
+    with pytest.raises(SettingsError, match=r"give the vehicle\.yaml of `follower identify`"):
+        find_vehicle("excite")
+
+
 def test_what_is_named_next_flies_the_vehicle_that_the_gains_are_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
