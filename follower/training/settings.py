@@ -47,10 +47,12 @@ class TrackerTrainingPlan(TrainingPlan):
     Attributes:
         seed: of scenes, batches and first weights.
         worlds: of the simulator, whose views and bodies join the pictures.
+        bodies: seen from all sides, which turn.
     """
 
     seed: NonNegativeInt = 1
     worlds: NonNegativeInt = 0
+    bodies: NonNegativeInt = 0
 
 
 class TrainingConfig(BaseModel):

@@ -134,6 +134,15 @@ def test_a_networks_broken_numbers_are_an_unseen_frame(
     assert nano.update(there).confidence > 0.9
 
 
+def test_a_head_whose_sides_are_pixels_knows_no_shape(network: NanoTrackNetwork) -> None:
+    template = network.template(
+        np.zeros((network.template_side, network.template_side, 3), "uint8")
+    )
+    features = network.features(np.zeros((network.search_side, network.search_side, 3), "uint8"))
+    plain, shaped = (network.match(template, features, one) for one in ((1.0, 1.0), (3.0, 1 / 3)))
+    np.testing.assert_array_equal(plain.corners, shaped.corners)
+
+
 def test_the_box_follows_right_and_down(network: NanoTrackNetwork) -> None:
     nano = tracker(network, window_influence=0.0)
     nano.start(scene((300, 200)), Box(300, 200, 40, 40))

@@ -23,6 +23,7 @@ from follower.training.scenes.scene import (
     Layer,
     Light,
     Scene,
+    Turning,
     folded,
     hover,
     random_bending,
@@ -62,6 +63,7 @@ class SceneSettings:
         soft: share that is not quite in focus.
         grey: share in black and white.
         compression: share with the traces of a film's compression.
+        turning: share with a target that turns in space, where there are such bodies.
         pieces: share in which the target is a piece of the ground itself, without an edge.
         loose: share in which the box does not fit the mask, as one that a user has drawn.
     """
@@ -84,6 +86,7 @@ class SceneSettings:
     soft: Share = 0.5
     grey: Share = 0.15
     compression: Share = 0.5
+    turning: Share = 0.0
     pieces: Share = 0.25
     loose: Share = 0.7
 
@@ -206,6 +209,8 @@ class _Composer:
         rng, settings, frames = self.rng, self.settings, self.frames
         if self._chance(settings.pieces):
             return _piece_of_ground(rng, ground, camera, scale, settings)
+        if self.pictures.bodies and self._chance(settings.turning):
+            return self._turning(scale, middle)
         cutout = self.pictures.any_object(rng)
         places = self._placed(cutout, scale, middle, settings.rotation)
         if self._chance(settings.perspective):
@@ -213,6 +218,17 @@ class _Composer:
             places = _tilted(places, cutout, tilts)
         bends = self._chance(settings.deformation)
         return Layer(cutout, places, random_bending(rng, cutout, frames) if bends else None)
+
+    def _turning(self, scale: float, middle: Matrix) -> Layer:
+        """Return a body that drives, walks or flies, and turns."""
+        rng, frames = self.rng, self.frames
+        body = self.pictures.bodies[int(rng.integers(len(self.pictures.bodies)))]
+        steady = rng.normal(0, 0.06) if self._chance(0.5) else 0.0
+        headings = rng.uniform(0, 2 * np.pi) + steady * np.arange(frames)
+        headings = headings + wander(rng, frames, 0.08 * rng.uniform() ** 2, 0.9)
+        first = body.views[0]
+        places = self._placed(first, scale / body.fill, middle, self.settings.rotation)
+        return Layer(first, places, Turning(body, headings))
 
     def _placed(self, cutout: Cutout, scale: float, middle: Matrix, rotation: float) -> Matrix:
         """Return (T, 3, 3) for an object of about a scale along a way, growing and turning."""

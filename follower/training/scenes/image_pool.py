@@ -13,6 +13,7 @@ from follower.settings.settings import configs_folder
 from follower.training.detector.labelled_image import read_picture
 from follower.training.detector.random_scene import MOUNT, Studio, looking, random_stage
 from follower.training.scenes.image_source import Cutout, ImageSource, procedural
+from follower.training.scenes.turning_body import block_body, simulated_body
 from follower_control.common.strict_config import SettingsError
 from follower_sim.view import CameraView
 from follower_vision.geometry.box import Box
@@ -28,7 +29,7 @@ _LEAST_COVERAGE = 0.15
 _WIDTH, _HEIGHT = 640, 480
 _GROUNDS, _OBJECTS = 3, 6
 _DIFFERS = 10
-_WORLDS = 5
+_WORLDS, _BODIES = 5, 6
 """Separates the simulated worlds' random numbers from those of other things of the same seed."""
 
 
@@ -103,7 +104,9 @@ def load(stock: Path, seed: int, collages: int = COLLAGES) -> ImageSource:
     return ImageSource(pictures.photographs + crowded, pictures.textures, pictures.cutouts)
 
 
-def image_source(pictures: Path | None, folder: Path, seed: int, worlds: int) -> ImageSource:
+def image_source(
+    pictures: Path | None, folder: Path, seed: int, worlds: int, bodies: int = 0
+) -> ImageSource:
     """Return what the scenes of a training are made of: its stock, if any, and rendered pictures.
 
     Args:
@@ -111,6 +114,7 @@ def image_source(pictures: Path | None, folder: Path, seed: int, worlds: int) ->
         folder: of the training.
         seed: of the training.
         worlds: of the simulator, whose views and bodies join the pictures.
+        bodies: seen from all sides, half of the simulator's kinds, half of blocks.
 
     Raises:
         SettingsError: see `prepare`.
@@ -119,7 +123,12 @@ def image_source(pictures: Path | None, folder: Path, seed: int, worlds: int) ->
     if pictures is not None and not stock.is_dir():
         prepare(pictures, stock, seed)
     source = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
-    return source.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
+    source = source.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
+    rng = np.random.default_rng((seed, _BODIES))
+    turning = [
+        simulated_body(rng) if number % 2 else block_body(rng, source) for number in range(bodies)
+    ]
+    return source.joined(ImageSource((), (), (), tuple(turning)))
 
 
 def _small_photograph(path: Path) -> npt.NDArray[np.uint8] | None:

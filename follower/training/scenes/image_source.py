@@ -272,6 +272,24 @@ def mask_outline(mask: npt.NDArray[np.uint8]) -> Matrix:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TurningBody:
+    """An object from all sides, at one elevation.
+
+    Attributes:
+        views: cut-outs on canvases of one size about its middle, in equal steps of a full turn.
+    """
+
+    views: tuple[Cutout, ...]
+
+    @property
+    def fill(self) -> float:
+        """Mean scale of its box over that of the canvas."""
+        scales = [view.box(np.eye(3)).scale for view in self.views]
+        width, height = self.views[0].size
+        return float(np.mean(scales)) / math.sqrt(width * height)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ImageSource:
     """The stock that scenes draw from.
 
@@ -279,11 +297,13 @@ class ImageSource:
         photographs: (H, W, 3) uint8 each, no side shorter than 128 pixels.
         textures: procedural ones, likewise.
         cutouts: objects with masks.
+        bodies: objects seen from all sides.
     """
 
     photographs: tuple[Image, ...]
     textures: tuple[Image, ...]
     cutouts: tuple[Cutout, ...]
+    bodies: tuple[TurningBody, ...] = ()
 
     def joined(self, other: ImageSource) -> ImageSource:
         """Return this stock and another one together."""
@@ -291,6 +311,7 @@ class ImageSource:
             self.photographs + other.photographs,
             self.textures + other.textures,
             self.cutouts + other.cutouts,
+            self.bodies + other.bodies,
         )
 
     def any_ground(self, rng: np.random.Generator) -> Image:

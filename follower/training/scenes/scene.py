@@ -8,7 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from follower.training.detector.labelled_image import motion_blurred
-from follower.training.scenes.image_source import Cutout, Matrix, stretch_and_shift, warp
+from follower.training.scenes.image_source import (
+    Cutout,
+    Matrix,
+    TurningBody,
+    stretch_and_shift,
+    warp,
+)
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 
@@ -64,6 +70,25 @@ class Deformation:
             borderMode=cv2.BORDER_CONSTANT,
         )
         return Cutout.premultiplied(np.asarray(bent, dtype=np.uint8))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turning:
+    """A body that turns over time.
+
+    Attributes:
+        body: what turns.
+        headings: (T,) in radians.
+    """
+
+    body: TurningBody
+    headings: Course
+
+    def bent(self, frame: int) -> Cutout:
+        """Return the object's look in a frame."""
+        count = len(self.body.views)
+        number = round(float(self.headings[frame]) / (2 * np.pi) * count)
+        return self.body.views[number % count]
 
 
 def random_bending(rng: np.random.Generator, cutout: Cutout, frames: int) -> Deformation:
@@ -129,7 +154,7 @@ class Layer:
 
     cutout: Cutout
     places: Matrix
-    bending: Deformation | None = None
+    bending: Deformation | Turning | None = None
 
     def shape(self, frame: int) -> Cutout:
         """Return how it looks in a frame."""

@@ -38,12 +38,14 @@ class Example(NamedTuple):
         search: (160, 160, 3) crop near the target in another frame.
         box: (4,) centre x, y from the search crop's middle, width and height there, in pixels.
         visible: whether the target is to be seen in it.
+        shape: (2,) width and height of the template's box over their geometric mean.
     """
 
     template: Image
     search: Image
     box: npt.NDArray[np.float32]
     visible: bool
+    shape: npt.NDArray[np.float32]
 
 
 class Batch(NamedTuple):
@@ -54,12 +56,14 @@ class Batch(NamedTuple):
         search: (N, 3, 160, 160) uint8.
         box: (N, 4), see `Example`.
         visible: (N,) bool.
+        shape: (N, 2), see `Example`.
     """
 
     template: Tensor
     search: Tensor
     box: Tensor
     visible: Tensor
+    shape: Tensor
 
 
 class Batches(Dataset[Batch]):
@@ -102,6 +106,7 @@ def pair(rng: np.random.Generator, scene: Scene) -> Example | None:
     template = scene.crop(first, Box(target.cx, target.cy, side, side), TEMPLATE_PX)
     if template.visible < _TEMPLATE_VISIBLE:
         return None
+    shape = np.array([target.width, target.height], np.float32) / np.float32(target.scale)
     target = bounded(scene.drawn_box(second))
     zoom = TEMPLATE_PX / (context_side(target) * math.exp(rng.normal(0.0, _ZOOM_SPREAD)))
     centred = rng.uniform() < _CENTRED_SHARE
@@ -113,7 +118,7 @@ def pair(rng: np.random.Generator, scene: Scene) -> Example | None:
     search = scene.crop(second, region, SEARCH_PX)
     box = np.array([right, down, target.width * zoom, target.height * zoom], np.float32)
     visible = search.visible >= LEAST_VISIBLE
-    return Example(_relit(rng, template.image), _relit(rng, search.image), box, visible)
+    return Example(_relit(rng, template.image), _relit(rng, search.image), box, visible, shape)
 
 
 def stacked(rng: np.random.Generator, examples: list[Example]) -> Batch:
@@ -138,6 +143,7 @@ def stacked(rng: np.random.Generator, examples: list[Example]) -> Batch:
         _as_tensor(searches),
         torch.from_numpy(boxes),
         torch.from_numpy(visible),
+        torch.from_numpy(np.stack([one.shape for one in examples])),
     )
 
 

@@ -26,7 +26,8 @@ class SiameseAnswer(NamedTuple):
     Attributes:
         scores: (N, 1, 20, 20) logit of the overlap to be expected of the box there, as NanoTrack's
             head orders places: place i lies 8 (i - 10) pixels from the crop's middle.
-        sides: (N, 4, 20, 20) pixels from the place to the box's left, top, right and bottom side.
+        sides: (N, 4, 20, 20) pixels from the place to the box's left, top, right and bottom side;
+            as the network gives them, over the shape of the template's box (see `in_shape`).
     """
 
     scores: Tensor

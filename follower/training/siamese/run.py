@@ -28,6 +28,7 @@ from follower.training.siamese.settings import SiameseConfig
 from follower.training.siamese.trainer import SiameseTrainer
 from follower.training.tracker_training import TrackerTraining
 from follower_vision.images.frame import Image
+from follower_vision.trackers.nanotrack import IN_FIRST_SHAPE
 
 _COLUMNS = 6
 _VISIBLE, _ABSENT = (80, 220, 60), (60, 60, 255)
@@ -108,7 +109,7 @@ def export_siamese(network: SiameseModule, stem: Path) -> tuple[ExportedNetwork,
         stem.with_name(f"{stem.name}_head.onnx"),
         features,
         (("template", "search"), ("classes", "sides")),
-        metadata,
+        metadata | dict([IN_FIRST_SHAPE]),
         store_as_half,
     )
     return backbone, head

@@ -16,6 +16,7 @@ from follower.training.siamese.examples import Batch, Batches
 from follower.training.siamese.network import SiameseAnswer, SiameseModule, places
 from follower.training.siamese.settings import SiameseTrainingSettings
 from follower.training.trainer import Trainer
+from follower_vision.trackers.nanotrack import IN_FIRST_SHAPE
 
 _WARM_UP = 200
 _HELD_OUT = 1_000_003
@@ -47,6 +48,19 @@ class SiameseLoss(NamedTuple):
     def total(self) -> Tensor:
         """Return the weighted sum that is minimised."""
         return 1.5 * self.side + 2.0 * self.score + self.empty + 0.25 * self.place
+
+
+def in_shape(answer: SiameseAnswer, shape: Tensor) -> SiameseAnswer:
+    """Return an answer in pixels, of one whose sides are measured in the first box's shape.
+
+    A square template does not say which shape the user drew: with it the network only has to tell
+    how the target has changed.
+
+    Args:
+        answer: the network's, of N search crops.
+        shape: (N, 2) width and height of the templates' boxes over their geometric mean.
+    """
+    return SiameseAnswer(answer.scores, answer.sides * shape.repeat(1, 2)[:, :, None, None])
 
 
 def siamese_loss(answer: SiameseAnswer, box: Tensor, visible: Tensor) -> tuple[SiameseLoss, Tensor]:
@@ -129,7 +143,8 @@ class SiameseTrainer(Trainer[SiameseModule]):
         network = SiameseModule(settings.network).to(device)
         # Faster on a processor; torch's own types do not know this keyword.
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        super().__init__(network, settings, settings.steps, asdict(settings.network))
+        size = asdict(settings.network) | dict([IN_FIRST_SHAPE])  # before, sides were in pixels
+        super().__init__(network, settings, settings.steps, size)
         self._batches, self._held_out = (
             Batches(SceneMaker(pictures, settings.scenes, seed), settings.batch, frames)
             for frames in (settings.scene_frames,)
@@ -184,4 +199,5 @@ class SiameseTrainer(Trainer[SiameseModule]):
             for crops in (batch.template, batch.search)
         )
         box, visible = batch.box.to(self.device), batch.visible.to(self.device)
-        return siamese_loss(network(template, search), box, visible)
+        answer = in_shape(network(template, search), batch.shape.to(self.device))
+        return siamese_loss(answer, box, visible)

@@ -15,7 +15,7 @@ from program import output_of
 
 from follower.training.scenes.generator import SceneMaker, SceneSettings
 from follower.training.scenes.image_source import ImageSource
-from follower.training.siamese.examples import Batches
+from follower.training.siamese.examples import Batches, pair
 from follower.training.siamese.network import (
     CELLS,
     SEARCH_PX,
@@ -25,7 +25,8 @@ from follower.training.siamese.network import (
 )
 from follower.training.siamese.run import export_siamese, sample_sheet
 from follower.training.siamese.settings import SiameseNetworkSettings, SiameseTrainingSettings
-from follower.training.siamese.trainer import SiameseTrainer, siamese_loss
+from follower.training.siamese.trainer import SiameseTrainer, in_shape, siamese_loss
+from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.nanotrack import NanoTrackNetwork
 from follower_vision.trackers.registry import make_tracker
@@ -118,6 +119,39 @@ def test_a_batch_is_the_same_whoever_draws_it(pictures: ImageSource) -> None:
     assert first.box[first.visible, 2:].min() >= 1.0
 
 
+def test_a_network_that_sees_no_change_gives_the_first_boxs_shape_at_the_size_it_sees() -> None:
+    sides = torch.full((2, 4, CELLS, CELLS), 20.0)
+    shape = torch.tensor([[2.0, 0.5], [1.0, 1.0]])
+    left, top, right, bottom = in_shape(SiameseAnswer(sides[:, :1], sides), shape).sides[0]
+    assert torch.equal(left + right, torch.full((CELLS, CELLS), 80.0))
+    assert torch.equal(top + bottom, torch.full((CELLS, CELLS), 20.0))
+    assert torch.equal(in_shape(SiameseAnswer(sides[:, :1], sides), shape).sides[1], sides[1])
+
+
+@pytest.mark.slow
+def test_an_examples_shape_is_that_of_the_first_drawn_box(pictures: ImageSource) -> None:
+    """Where the target keeps its shape and fits its box, both frames have the same one."""
+    still = dataclasses.replace(EASY, scale_change=0.0, aspect_change=0.0, rotation=0.0, loose=0.0)
+    seen = 0
+    for index in range(8):
+        scene = SceneMaker(pictures, still, 4).scene(index, 8)
+        found = pair(np.random.default_rng(index), scene)
+        if found is not None:
+            assert np.prod(found.shape) == pytest.approx(1.0, abs=1e-5)
+            seen_shape = found.box[2:] / np.sqrt(np.prod(found.box[2:]))
+            np.testing.assert_allclose(seen_shape, found.shape, rtol=1e-3)
+            seen += 1
+    assert seen > 4
+
+
+def test_a_training_from_before_is_not_gone_on_with(pictures: ImageSource) -> None:
+    """Its sides were pixels."""
+    trainer = SiameseTrainer(settings(1), pictures)
+    size = dataclasses.asdict(SMALL)
+    with pytest.raises(SettingsError, match="the checkpoint is of another network"):
+        trainer.restore(trainer.state() | {"size": size})
+
+
 @pytest.mark.slow
 def test_a_tiny_run_learns_to_find_the_target(pictures: ImageSource) -> None:
     trainer = SiameseTrainer(settings(120, 12, rate=4e-3), pictures)
@@ -142,13 +176,14 @@ def test_the_exported_networks_answer_as_the_trained_one(tmp_path: Path) -> None
     rng = np.random.default_rng(2)
     search = rng.integers(0, 256, (SEARCH_PX, SEARCH_PX, 3), np.uint8)
     template = search[40:120, 40:120]
-    found = network.match(network.template(template), network.features(search))
+    shape = (2.0, 0.5)
+    found = network.match(network.template(template), network.features(search), shape)
 
     def crops(image: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(image.transpose(2, 0, 1)[None].astype(np.float32))
 
     with torch.no_grad():
-        answer = module(crops(template), crops(search))
+        answer = in_shape(module(crops(template), crops(search)), torch.tensor([shape]))
     likely = torch.sigmoid(answer.scores).flatten().numpy()
     np.testing.assert_allclose(found.scores, likely, atol=2e-3)
     at, sides = places().numpy(), answer.sides.reshape(4, -1).T.numpy()

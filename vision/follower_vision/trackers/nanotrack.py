@@ -35,6 +35,10 @@ class NanoTrackResponse:
     corners: Tensor
 
 
+IN_FIRST_SHAPE = ("sides", "in the first box's shape")
+"""Metadata of a head whose distances are to be multiplied by the first box's shape."""
+
+
 class NanoTrackNetwork:
     """Compares a template with a search crop by two ONNX networks.
 
@@ -57,6 +61,8 @@ class NanoTrackNetwork:
         self.template_side = self.search_side // 2
         self._template_backbone = _backbone_of_side(backbone, self.template_side, device)
         self._head = Network(head, device)
+        name, wanted = IN_FIRST_SHAPE
+        self._in_first_shape = self._head.metadata.get(name) == wanted
         self.cells = _cells(self._head)
         self._points = _points(self.cells, _stride(self.search_side, self.cells))
         self._search = np.empty((1, 3, self.search_side, self.search_side), np.float32)
@@ -71,9 +77,20 @@ class NanoTrackNetwork:
         np.copyto(self._search[0], crop.transpose(2, 0, 1))
         return self._backbone.run(self._search)[0]
 
-    def match(self, template: Tensor, features: Tensor) -> NanoTrackResponse:
-        """Search for a template among a search crop's features."""
+    def match(
+        self, template: Tensor, features: Tensor, shape: tuple[float, float] = (1.0, 1.0)
+    ) -> NanoTrackResponse:
+        """Search for a template among a search crop's features.
+
+        Args:
+            template: its features.
+            features: the search crop's.
+            shape: width and height of the box that the template shows, over their geometric mean;
+                it only counts for a head that measures sides by it (`IN_FIRST_SHAPE`).
+        """
         classes, distances = self._head.run(template, features)
+        if self._in_first_shape:
+            distances = distances * np.array([*shape, *shape], np.float32)[None, :, None, None]
         return NanoTrackResponse(_target_share(classes), self._corners(distances))
 
     def _corners(self, distances: Tensor) -> Tensor:
@@ -180,6 +197,7 @@ class NanoTracker:
         self.name = name
         self._window = _cosine_window(network.cells)
         self._template: Tensor | None = None
+        self._shape = (1.0, 1.0)
         self._fill: tuple[float, ...] = ()
         self._box: Box | None = None
 
@@ -187,6 +205,7 @@ class NanoTracker:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR."""
         self._fill = tuple(cv2.mean(image)[:3])
         self._template = self._learnt(image, box)
+        self._shape = box.width / box.scale, box.height / box.scale
         self._box = box
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
@@ -245,7 +264,7 @@ class NanoTracker:
         zoom = self._network.template_side / self._context_side(box)
         region = Box(box.cx, box.cy, side / zoom, side / zoom)
         features = self._network.features(crop(image, region, side, side, self._fill))
-        return self._network.match(self._template, features), zoom, features
+        return self._network.match(self._template, features, self._shape), zoom, features
 
     def _penalty(self, response: NanoTrackResponse, width: float, height: float) -> Tensor:
         """Return each cell's factor, at most 1, for a size or shape unlike the last one's."""
