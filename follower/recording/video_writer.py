@@ -17,7 +17,7 @@ import numpy as np
 
 from follower.flight.log import Stopwatch
 from follower.settings.recorder import RecorderSettings, VideoKind
-from follower_vision.disk import failure_said, free_bytes, is_no_room, room_said
+from follower_vision.disk import failure_said, is_no_room, is_short_of_room, room_said
 from follower_vision.images.frame import Frame, Image
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -304,8 +304,7 @@ class VideoQueue(ClosesItself):
             self._waiting_bytes -= frame.image.nbytes
 
     def _check_room(self) -> None:
-        free = free_bytes(self._path)
-        if free is not None and free < 1e6 * self._settings.keep_free_mb:
+        if is_short_of_room(self._path, self._settings.keep_free_mb):
             self._end(f"the log needs the room that is left ({room_said(self._path)})")
             self.out_of_room = True
             self._file.close()

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 _DRAFT_NAME = 60
-"""Characters of a file's name in its draft's, which has to fit into 255 bytes, too."""
+"""So many last characters, by which names differ, are in a draft's name: it has 255 bytes, too."""
 
 
 def write_whole(path: Path, text: str) -> Path:
@@ -25,7 +25,7 @@ def write_whole_bytes(path: Path, content: bytes) -> Path:
     put in place of another: it is written to at once.
     """
     file = Path(os.path.realpath(path))
-    draft = file.with_name(f".{file.name[:_DRAFT_NAME]}.part")
+    draft = file.with_name(f".{file.name[-_DRAFT_NAME:]}.part")
     try:
         if path.exists() and not path.is_file():
             path.write_bytes(content)
@@ -59,6 +59,12 @@ def free_bytes(place: Path) -> int | None:
         return shutil.disk_usage(_nearest(place)).free
     except OSError:
         return None
+
+
+def is_short_of_room(place: Path, wanted_mb: float) -> bool:
+    """Whether a file's or folder's disk surely has less room than so many megabytes."""
+    free = free_bytes(place)
+    return free is not None and free < 1e6 * wanted_mb
 
 
 def can_be_written(folder: Path) -> bool:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from follower_vision.disk import free_bytes, room_said
+from follower_vision.disk import is_short_of_room, room_said
 from follower_vision.drawing.overlay import draw_tracks
 from follower_vision.drawing.video_writer import VideoWriteError, VideoWriter
 from follower_vision.images.frame import Frame
@@ -55,7 +55,7 @@ class OverlayVideo(ClosesItself):
 
     def __init__(self, path: Path, rate_hz: float, keep_free_mb: float = 0.0) -> None:
         self._writer = VideoWriter(path, rate_hz)
-        self._keep_free = 1e6 * keep_free_mb
+        self._keep_free_mb = keep_free_mb
         self._added = 0
         self.remark: str | None = None
 
@@ -74,11 +74,9 @@ class OverlayVideo(ClosesItself):
                 self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
 
     def _leave_room(self) -> None:
-        free = free_bytes(self._writer.path)
-        if free is not None and free < self._keep_free:
-            self.remark = (
-                f"The video ends early: other files need the room ({room_said(self._writer.path)})"
-            )
+        path = self._writer.path
+        if is_short_of_room(path, self._keep_free_mb):
+            self.remark = f"The video ends early: other files need the room ({room_said(path)})"
 
     @contextmanager
     def _ending_early(self) -> Iterator[None]:

@@ -61,8 +61,8 @@ def test_a_video_that_cannot_be_written_is_a_remark_and_no_end(tmp_path: Path) -
 def test_a_video_leaves_the_room_that_other_files_need(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    free = iter([50e6, 20e6, 50e6])  # looked at every 30 frames, until there is too little
-    monkeypatch.setattr("follower.flight.vision.video_sink.free_bytes", lambda _: next(free))
+    free = iter([50e6, 20e6, 50e6])  # two looks, 30 frames apart, and what is told
+    monkeypatch.setattr("follower_vision.disk.free_bytes", lambda _: next(free))
     path = tmp_path / "video.mp4"
     with OverlayVideo(path, 30.0, keep_free_mb=30) as video:
         for number in range(100):

@@ -259,6 +259,23 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_two_files_that_are_written_at_once_have_a_draft_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long their names: runs and their parts differ by the number at the end."""
+    drafts: list[str] = []
+    replace = Path.replace
+
+    def noted(draft: Path, path: Path) -> Path:
+        drafts.append(draft.name)
+        return replace(draft, path)
+
+    monkeypatch.setattr(Path, "replace", noted)
+    for number in (1, 2):
+        write_whole(tmp_path / f"{'n' * 200}-{number}.csv", "whole")
+    assert len(set(drafts)) == 2
+
+
 def test_a_file_with_the_longest_name_there_can_be_is_written(tmp_path: Path) -> None:
     path = write_whole(tmp_path / ("n" * 251 + ".csv"), "whole")
     assert path.read_text("utf-8") == "whole"
