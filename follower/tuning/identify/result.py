@@ -26,6 +26,7 @@ from follower_control.tuning.fit import Interval, ResponseFit, SizeFit
 from follower_control.tuning.response_model import ResponseData, ResponseModel, VehicleModel
 from follower_vision.disk import write_whole
 
+VEHICLE_FILE = "vehicle.yaml"
 _SURE_Z = 1.96
 
 
@@ -206,7 +207,7 @@ def write_identification(path: Path, found: Identification, command: str) -> Pat
         "How the vehicle answers",
         f"identified from {', '.join(found.sources[:6])}{' …' if len(found.sources) > 6 else ''}",
         command,
-        files=(("vehicle.yaml", "the models, for `follower tune`"),),
+        files=((VEHICLE_FILE, "the models, for `follower tune`"),),
     )
     with style.plot_style():
         return write_whole(path, flight_page.filled(meta, _parts(found, meta)))

@@ -17,6 +17,7 @@ from follower.tuning.identify.readers import (
     read_steps,
 )
 from follower.tuning.identify.result import (
+    VEHICLE_FILE,
     Identification,
     Spread,
     delay_named,
@@ -29,7 +30,7 @@ from follower_control.common.strict_config import SettingsError
 from follower_control.tuning.fit import ResponseFit, SizeFit, fit_response, fit_size
 from follower_control.tuning.response_model import ResponseData, TooLittleError
 
-VEHICLE_FILE, REPORT = "vehicle.yaml", "identification.html"
+REPORT = "identification.html"
 _POOR, _DOUBTFUL = 0.5, 0.8
 
 

@@ -16,8 +16,7 @@ from follower.settings.settings import (
     load_settings,
     settings_data,
 )
-from follower.tuning.identify.result import VehicleFile, load_vehicle
-from follower.tuning.identify.run import VEHICLE_FILE
+from follower.tuning.identify.result import VEHICLE_FILE, VehicleFile, load_vehicle
 from follower.tuning.tune.analysis import (
     AxisAnalysis,
     analyse,
