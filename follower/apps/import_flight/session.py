@@ -212,13 +212,15 @@ def import_video(
         has_motion = aligned is not None and aligned.log.has_motion
         if not has_motion:
             settings = recorded_settings(settings)
-        shown = log_name if source is None else source.name
-        run = {"source": shown, "target": str(target), "command": typed_command()}
-        run["title"] = f"{name}, imported"
-        facts = {} if aligned is None else {"telemetry": log_name, "offset": aligned.facts}
-        config = FlightConfig.of(
-            "video", settings, run={**run, **facts}, needs_telemetry=has_motion
-        )
+        run: dict[str, Any] = {
+            "source": log_name if source is None else source.name,
+            "target": str(target),
+            "command": typed_command(),
+            "title": f"{name}, imported",
+        }
+        if aligned is not None:
+            run |= {"telemetry": log_name, "offset": aligned.facts}
+        config = FlightConfig.of("video", settings, run=run, needs_telemetry=has_motion)
         with StopOnInterrupt() as asked:
             inputs = config, settings, selector, aligned
             if not _record(source, *inputs, folder, console, lambda: asked.interrupted):
