@@ -27,6 +27,9 @@ _SIDES = ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1))
 _ACROSS = ((1, 2), (0, 2), (0, 1))
 """The axes that a face spans, by its normal's."""
 
+_TO_NED = (1.0, 1.0, -1.0)
+"""The simulator's world counts down, bodies and blocks count up."""
+
 Vector = npt.NDArray[np.float64]
 Texture = npt.NDArray[np.uint8]
 
@@ -35,7 +38,7 @@ def simulated_body(rng: np.random.Generator) -> TurningBody:
     """Return one of the simulator's targets in some paint and sunlight; most persons walk."""
     kind = KINDS[int(rng.integers(len(KINDS)))]
     colour, elevation = random_colour(rng), float(rng.uniform(0.05, 1.1))
-    sun = -_towards(rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.2)) * (-1, -1, 1)
+    sun = _towards(rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.2)) * _TO_NED
     walks = kind == "person" and rng.random() < 0.8
     poses = range(_STRIDE_VIEWS if walks else 1)
     meshes = [target_mesh(kind, colour, _STRIDE_M * pose / _STRIDE_VIEWS) for pose in poses]
@@ -44,7 +47,7 @@ def simulated_body(rng: np.random.Generator) -> TurningBody:
     centre, away_m = solids[0].centre, _ROOM * solids[0].radius_m / math.sin(_FOV / 2)
     views = []
     for number, heading in enumerate(_headings()):
-        place = centre + away_m * _towards(heading, elevation) * (1, 1, -1)
+        place = centre + away_m * _towards(heading, elevation) * _TO_NED
         view = CameraView.towards(place, centre)
         faces = painter.select([SolidBatch.of([solids[number % len(solids)]])], view)
         on_black, on_white = (
@@ -123,15 +126,13 @@ def _face(
     if rng.random() < 0.4:  # a pane, a door, a stripe
         (left, top), (right, bottom) = np.sort(rng.integers(4, _TEXTURE_PX - 4, (2, 2)), axis=0)
         picture[top : bottom + 1, left : right + 1] = rng.uniform(0, 255, 3)
-    mask = np.full(size, 255, np.uint8)
-    if rounded:
-        corner = int(rng.integers(4, _TEXTURE_PX // 2 - 1))
-        mask = _rounded(corner)
+    corner = int(rng.integers(4, _TEXTURE_PX // 2 - 1)) if rounded else 0
+    mask = _rounded(corner)
     return np.dstack([np.clip(picture, 0, 255), mask]).astype(np.uint8)
 
 
 def _rounded(corner: int) -> npt.NDArray[np.uint8]:
-    """Return a mask (48, 48) whose corners are quarters of circles."""
+    """Return a mask (48, 48) whose corners are quarters of circles of a radius in pixels."""
     mask = np.zeros((_TEXTURE_PX, _TEXTURE_PX), np.uint8)
     inner, last = slice(corner, _TEXTURE_PX - corner), _TEXTURE_PX - 1 - corner
     mask[inner, :] = mask[:, inner] = 255

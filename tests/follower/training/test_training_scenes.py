@@ -17,7 +17,6 @@ from follower.training.scenes.image_source import (
     ImageSource,
     cut,
     mask_outline,
-    procedural,
     random_mask,
 )
 from follower.training.scenes.scene import folded, hover, wander
@@ -27,11 +26,6 @@ from follower_vision.geometry.box import Box
 
 HARD = SceneSettings(perspective=1.0, deformation=1.0, occlusion=1.0, look_alikes=1.0, blur=1.0)
 PLAIN = SceneSettings(blur=0.0, leaving=0.0, soft=0.0, grey=0.0, compression=0.0)
-
-
-@pytest.fixture(scope="module")
-def pictures() -> ImageSource:
-    return procedural(np.random.default_rng(3), 6)
 
 
 @pytest.mark.slow
