@@ -11,7 +11,7 @@ from torch import nn
 
 from follower.training.fusion.driving import Examples
 from follower.training.fusion.settings import FitSettings
-from follower_vision.fusion.box_filter import BoxFilter, FilterNoise
+from follower_vision.fusion.box_filter import BoxFilter, FilterNoise, axes_of
 from follower_vision.fusion.candidates import SOURCES
 from follower_vision.fusion.features import FEATURES
 from follower_vision.fusion.model import THRESHOLDS, CandidateModel
@@ -115,7 +115,7 @@ def _likelihood(truths: Sequence[Sequence[Box | None]], noise: FilterNoise, axis
         values = []
         for box in known[1:]:
             filter_.predict(1 / 30)
-            error = _values(box) - _values(filter_.box)
+            error = axes_of(box) - axes_of(filter_.box)
             unit = np.array([box.scale, box.scale, 1.0, 1.0])
             spread = np.array([noise.place["peak"]] * 2 + [noise.size["peak"]] * 2) * unit
             variance = filter_.deviations**2 + spread**2
@@ -124,10 +124,6 @@ def _likelihood(truths: Sequence[Sequence[Box | None]], noise: FilterNoise, axis
             filter_.observe(box, "peak", 1.0)
         sums.append(np.mean(values) if values else 0.0)
     return float(np.mean(sums))
-
-
-def _values(box: Box) -> Floats:
-    return np.array([box.cx, box.cy, np.log(box.width), np.log(box.height)])
 
 
 class FirstPeak:

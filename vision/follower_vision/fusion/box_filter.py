@@ -57,7 +57,7 @@ class BoxFilter:
 
     def place_at(self, box: Box) -> None:
         """Begin anew at a box, in pixels."""
-        self._value = _values(box)
+        self._value = axes_of(box)
         self._rate = np.zeros(4)
         unit = self._unit()
         self._vv = (_START_SPREAD * unit) ** 2
@@ -105,7 +105,7 @@ class BoxFilter:
         noise = self._noise
         place, size = noise.place[source], noise.size[source]
         spread = np.array([place, place, size, size]) * self._unit()
-        self._update(_values(box), (spread / probability) ** 2, np.ones(4))
+        self._update(axes_of(box), (spread / probability) ** 2, np.ones(4))
 
     def expect(self, cx: float, cy: float, spread_px: float) -> None:
         """Take in where the centre should be by other knowledge, with a standard deviation."""
@@ -139,5 +139,6 @@ class BoxFilter:
         return np.array([scale, scale, 1.0, 1.0])
 
 
-def _values(box: Box) -> Vector:
+def axes_of(box: Box) -> Vector:
+    """Return what the filter's axes are of a box in pixels: centre x, y, log width and height."""
     return np.array([box.cx, box.cy, math.log(box.width), math.log(box.height)])

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_vision.detection.detection import Detection
+from follower_vision.fusion.box_filter import axes_of
 from follower_vision.fusion.candidates import (
     DETECTION,
     MEAN,
@@ -163,14 +164,9 @@ def _support(corners: Floats, response: ResponseMap) -> list[Column]:
 
 def _placing(candidates: list[Candidate], target: Target) -> list[Column]:
     """How the box lies to the prediction, and its size to what is usual."""
-    boxes = np.array(
-        [[c.box.cx, c.box.cy, math.log(c.box.width), math.log(c.box.height)] for c in candidates]
-    )
+    boxes = np.array([axes_of(one.box) for one in candidates])
     expected = target.filter.box
-    values = np.array(
-        [expected.cx, expected.cy, math.log(expected.width), math.log(expected.height)]
-    )
-    away = boxes - values
+    away = boxes - axes_of(expected)
     distance = np.hypot(away[:, 0], away[:, 1])
     sigma = target.filter.deviations
     grown = 0.5 * (away[:, 2] + away[:, 3])
