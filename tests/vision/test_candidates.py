@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from follower_vision.detection.detection import Detection
@@ -18,6 +18,7 @@ from follower_vision.fusion.candidates import (
     SECOND,
     Candidate,
     DetectorMemory,
+    agreed_box,
     corners_of,
     propose,
 )
@@ -119,6 +120,47 @@ def test_the_prediction_comes_last_and_the_first_peak_first(
     assert found[0].source == PEAK
     assert found[-1] == Candidate(expected, PREDICTION)
     assert [one.rank for one in of(found, PEAK)] == list(range(len(of(found, PEAK))))
+
+
+def test_boxes_of_one_place_that_are_as_likely_agree_on_their_mean() -> None:
+    small, large = Box(100, 100, 20, 40), Box(104, 98, 30, 50)
+    agreed = agreed_box([small, large], np.array([2.0, 2.0]), 0)
+    assert (agreed.cx, agreed.cy) == pytest.approx((102, 99))
+    assert agreed.width == pytest.approx((20 * 30) ** 0.5)
+    assert agreed.height == pytest.approx((40 * 50) ** 0.5)
+
+
+def test_the_less_likely_a_box_is_the_less_it_has_a_say() -> None:
+    boxes = [Box(100, 100, 20, 40), Box(104, 98, 30, 50)]
+    widths = [agreed_box(boxes, np.array([2.0, merit]), 0).width for merit in (2.0, 1.0, 0.0)]
+    assert widths[0] > widths[1] > widths[2] == pytest.approx(20)
+
+
+@settings(max_examples=100)
+@given(
+    boxes=st.lists(BOXES, min_size=1, max_size=8),
+    data=st.data(),
+    factor=st.floats(0.5, 2),
+    shift=st.floats(-50, 50),
+)
+def test_only_what_lies_at_the_chosen_place_has_a_say(
+    boxes: list[Box], data: st.DataObject, factor: float, shift: float
+) -> None:
+    merit = np.array(data.draw(st.lists(st.floats(0.1, 3), min_size=8, max_size=8)))[: len(boxes)]
+    chosen = data.draw(st.integers(0, len(boxes) - 1))
+    assume(all(abs(one.iou(boxes[chosen]) - 0.3) > 1e-6 for one in boxes))
+    agreed = agreed_box(boxes, merit, chosen)
+    near = [one for one in boxes if one.iou(boxes[chosen]) >= 0.3]
+    for name in ("cx", "cy", "width", "height"):
+        values = [getattr(one, name) for one in near]
+        assert min(values) - 1e-6 <= getattr(agreed, name) <= max(values) + 1e-6
+    moved = [
+        Box(one.cx * factor + shift, one.cy * factor, one.width * factor, one.height * factor)
+        for one in boxes
+    ]
+    again = agreed_box(moved, merit, chosen)
+    assert again.cx == pytest.approx(agreed.cx * factor + shift, abs=1e-6)
+    assert again.height == pytest.approx(agreed.height * factor)
 
 
 def test_the_detectors_box_becomes_the_targets() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,13 @@ from follower_vision.detection.detection_service import (
     InlineDetection,
 )
 from follower_vision.fusion.box_filter import BoxFilter
-from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
+from follower_vision.fusion.candidates import (
+    PREDICTION,
+    Candidate,
+    agreed_box,
+    corners_of,
+    propose,
+)
 from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.embedder import make_embedder
 from follower_vision.fusion.features import FEATURES, Situation, measure
@@ -95,9 +101,10 @@ class _Search:
 class FusionTracker:
     """Follows one target through look-alikes, occlusion and absence; see `TargetTracker`.
 
-    A track's confidence is P(IoU > 0.5), and its state follows from it. `produced_by` is the
-    chosen candidate's source ("peak", "detection", "mean"), or why the target was not observed:
-    "prediction", "frozen", "blank", or "ambiguous": what looks like it may be a known look-alike.
+    A track's confidence is P(IoU > 0.5), and its state follows from it. Its box is the mean of the
+    candidates that agree with the chosen one, see `agreed_box`. `produced_by` is the chosen one's
+    source ("peak", "detection", "mean"), or why the target was not observed: "prediction",
+    "frozen", "blank", or "ambiguous": what looks like it may be a known look-alike.
 
     Args:
         motion: searches each frame.
@@ -313,7 +320,8 @@ class FusionTracker:
         if candidates[chosen].source == PREDICTION:
             target.coast(PREDICTION)
         else:
-            target.observe(candidates[chosen], probability)
+            agreed = agreed_box(boxes[:-1], probabilities[:-1].sum(axis=1), chosen)
+            target.observe(replace(candidates[chosen], box=agreed), probability)
         rivalled = (alone[:-1, 1] >= SEEN) & (probabilities[:-1, 1] < SEEN)
         if target.state is not TrackState.TRACKING and rivalled.any():
             target.doubt(AMBIGUOUS)
