@@ -141,7 +141,7 @@ def quantise(
         typer.echo("taken where its path is given")
         return
     for path, reduced in zip(network.files, made.files, strict=True):
-        store.prefer(path, None if figures.refusal else reduced)
+        (store.withhold if figures.refusal else store.prefer)(path, reduced)
     typer.echo(f"not taken: {figures.refusal}" if figures.refusal else "taken by default")
 
 

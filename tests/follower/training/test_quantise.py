@@ -20,6 +20,7 @@ from follower.training.quantise import (
     Comparison,
     Films,
     Precision,
+    Reduced,
     find_reducible,
     reduce_file,
     reduce_network,
@@ -168,8 +169,23 @@ def test_a_flight_takes_the_preferred_network_unless_told_not_to(preferred: Path
     assert flown() == preferred
     assert flown("vision.precision=full") == original
     assert ModelStore(preferred.parent).file(f"{DETECTOR}.onnx") == original
-    ModelStore(preferred.parent).prefer(original, None)
+    ModelStore(preferred.parent).withhold(original, preferred)
     assert flown() == original
+
+
+@pytest.mark.parametrize("precision", Precision)
+def test_a_network_that_is_not_taken_leaves_the_place_to_one_of_another_precision(
+    preferred: Path, precision: Precision, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """INT8 was taken before; the network that is made now is worse."""
+    made = preferred.with_name(f"{DETECTOR}.{precision}.onnx")
+    worse = Reduced((made,), made.with_suffix(".md"), figures(0.8, 2.0))
+    monkeypatch.setattr(quantise, "reduce_network", lambda *_, **__: worse)
+    code, said = quantise_command(DETECTOR, f"--{precision}")
+    assert code == 0
+    assert "not taken: success falls" in said
+    replaced = precision is Precision.INT8
+    assert flown() == (EMBEDDED_FOLDER / f"{DETECTOR}.onnx" if replaced else preferred)
 
 
 @pytest.mark.parametrize("harm", ["changed", "gone", "note"])

@@ -4,6 +4,7 @@ import json
 import logging
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
@@ -84,20 +85,28 @@ class ModelStore:
             raise ModelError(f"{path}: no such network; {self.advice(name)}")
         return self._reduced(path) if self._gives_reduced else path
 
-    def prefer(self, original: Path, reduced: Path | None) -> None:
-        """Let a network at reduced precision, in this folder, take an original's place, or none.
+    def prefer(self, original: Path, reduced: Path) -> None:
+        """Let a network at reduced precision, in this folder, take an original's place.
 
         The place is lost when either file changes.
 
         Raises:
             OSError: the folder cannot be written.
         """
-        note = self._note(original)
-        if reduced is None:
-            note.unlink(missing_ok=True)
-            return
         sums = {"original": sha256_of(original), "sha256": sha256_of(reduced)}
-        write_whole(note, json.dumps({"file": reduced.name, **sums}))
+        write_whole(self._note(original), json.dumps({"file": reduced.name, **sums}))
+
+    def withhold(self, original: Path, reduced: Path) -> None:
+        """Take an original's place back from a reduced network; another one that has it stays.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        note = self._note(original)
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            if json.loads(note.read_text("utf-8"))["file"] != reduced.name:
+                return
+        note.unlink(missing_ok=True)
 
     def _note(self, original: Path) -> Path:
         return self.folder / f"{original.stem}.preferred.json"
