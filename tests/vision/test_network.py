@@ -223,6 +223,33 @@ def test_a_device_that_answers_otherwise_is_not_used(
 
 
 @pytest.fixture
+def free_file(tmp_path: Path) -> Path:
+    """A network that takes pictures of any size from 8 pixels on, as exported with free sizes."""
+
+    def tensor(name: str, *sides: str) -> object:
+        return h.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["n", "c", *sides])
+
+    node = h.make_node("AveragePool", ["pixels"], ["means"], kernel_shape=[8, 8])
+    graph = h.make_graph([node], "any", [tensor("pixels", "h", "w")], [tensor("means", "y", "x")])
+    path = tmp_path / "free.onnx"
+    onnx.save(h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8), path)
+    return path
+
+
+@pytest.mark.parametrize(("error", "device"), [(1e-4, OTHER), (0.1, onnx_network.CPU)])
+def test_a_network_of_free_sizes_is_compared_with_a_picture(
+    free_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    error: float,
+    device: str,
+) -> None:
+    other_device(error)
+    network = Network(free_file, OTHER)
+    assert (network.device, network.inputs) == (device, {"pixels": (0, 0, 0, 0)})
+    assert "other answers" in network.refusals.get(OTHER, "other answers")
+
+
+@pytest.fixture
 def auto_tries_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `auto` find the other device, and no real one."""
     monkeypatch.setattr(onnx_network, "accelerators", lambda _: (OTHER,))

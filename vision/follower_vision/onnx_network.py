@@ -77,6 +77,7 @@ _SAME = 0.01
 _GRAPH, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 11, 12, 13
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FLOAT = 1
+_PICTURE = (1, 3, 416, 416)
 _KINDS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
@@ -264,10 +265,10 @@ class Network:
     def _difference(self, session: Any) -> str:
         """Return in which output a session differs from the processor, "" if in none."""
         rng = np.random.default_rng(0)
-        sizes = {name: [size or 1 for size in of] for name, of in self.inputs.items()}
+        shapes = map(usual_shape, self.inputs.values())
         feeds = {
             name: rng.random(of, dtype=np.float32) if kind is np.float32 else np.ones(of, kind)
-            for (name, of), kind in zip(sizes.items(), self.kinds, strict=True)
+            for name, of, kind in zip(self.inputs, shapes, self.kinds, strict=True)
         }
         wanted, got = self._session.run(None, feeds), session.run(None, feeds)
         for name, a, b in zip(self.outputs, wanted, got, strict=True):
@@ -278,6 +279,12 @@ class Network:
 
 def _shape(node: Any) -> tuple[int, ...]:
     return tuple(size if isinstance(size, int) else 0 for size in node.shape)
+
+
+def usual_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return an input's shape with free sizes, 0, as of one picture of 416 pixels, else 1."""
+    usual = _PICTURE if len(shape) == len(_PICTURE) else (1,) * len(shape)
+    return tuple(size or one for size, one in zip(shape, usual, strict=True))
 
 
 def with_input_size(model: bytes, shape: tuple[int, ...]) -> bytes:

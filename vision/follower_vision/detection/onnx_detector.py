@@ -19,9 +19,15 @@ from follower_vision.detection.families import make_decoder
 from follower_vision.geometry.box import Box, keep_best, lies_in
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import CPU, Integers, ModelError, Network, Tensor
+from follower_vision.onnx_network import (
+    CPU,
+    Integers,
+    ModelError,
+    Network,
+    Tensor,
+    usual_shape,
+)
 
-_USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5
 _EDGE_PX = 2.0
 """How near to the region's edge a box counts as cut, in pixels of the network's input."""
@@ -192,7 +198,7 @@ def _whole(image: Image) -> Box:
     return Box(width / 2, height / 2, width, height)
 
 
-def _input_shape(network: Network) -> tuple[int, int, int, int]:
+def _input_shape(network: Network) -> tuple[int, ...]:
     """Return the input's shape, with the usual side where the network takes any."""
     shapes = list(network.inputs.values())
     with_size = len(shapes) == 2 and shapes[1][1:] == (2,) and network.kinds[1] is not np.float32
@@ -201,8 +207,7 @@ def _input_shape(network: Network) -> tuple[int, int, int, int]:
         raise ModelError(
             f"{network.path}: not a detector of single images: its inputs are {shapes}"
         )
-    height, width = shapes[0][2:]
-    return 1, 3, height or _USUAL_SIDE, width or _USUAL_SIDE
+    return usual_shape(shapes[0])
 
 
 def _size_input(network: Network, tensor: Tensor) -> list[Integers]:
