@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import cv2
 import torch
-import typer
 
 from follower.training.onnx_export import ExportedNetwork
 from follower.training.scenes.image_pool import image_source
 from follower.training.scenes.image_source import ImageSource
 from follower.training.settings import TrackerTrainingConfig
-from follower.training.trainer import SAMPLES, Trainer, open_folder, train
+from follower.training.trainer import Trainer, open_training, show_samples, train
 from follower_vision.images.frame import Image
 
 ConfigT = TypeVar("ConfigT", bound=TrackerTrainingConfig)
@@ -65,12 +63,11 @@ class TrackerTraining(Generic[ConfigT, TrainerT]):
 
     def _begin(self, config: ConfigT, folder: Path, device: torch.device, resume: bool) -> TrainerT:
         plan = config.training
-        state = open_folder(plan, folder, device, resume)
+        state = open_training(plan, folder, device, resume)
         pictures = image_source(config.pictures, folder, plan.seed, plan.worlds, plan.bodies)
         trainer = self.make_trainer(plan, pictures, device)
         if state is not None:
             trainer.restore(state)
         else:
-            cv2.imwrite(str(folder / SAMPLES), self.draw_samples(trainer))
-            typer.echo(f"{folder / SAMPLES}: look at it.")
+            show_samples(folder, self.draw_samples(trainer))
         return trainer

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import cv2
 import torch
+import typer
 import yaml
 from rich.progress import MofNCompleteColumn, Progress
 from torch import Tensor, nn
@@ -20,6 +21,7 @@ from follower.training.settings import TrainingConfig, TrainingPlan
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole_bytes
+from follower_vision.images.frame import Image
 
 CHECKPOINT, CONFIG, LOG, SAMPLES = "checkpoint.pt", "config.yaml", "log.csv", "samples.png"
 _SMOOTHED = 0.97
@@ -131,19 +133,35 @@ class Trainer(ABC, Generic[NetworkT]):
                     value.copy_(fresh[name])
 
 
-def open_folder(
+def open_training(
     plan: TrainingPlan, folder: Path, device: torch.device, resume: bool
 ) -> dict[str, Any] | None:
-    """Make a training's folder ready; return the state to go on from, None to begin.
+    """Return the state to go on from, None to begin; the folder is not made yet.
 
     Raises:
-        SettingsError: there is no usable checkpoint to resume.
+        SettingsError: there is no usable checkpoint to resume, or one that would be written over.
     """
     torch.set_num_threads(plan.threads)
     cv2.setNumThreads(1)
-    state = load_checkpoint(folder, device) if resume else None
+    if resume:
+        return load_checkpoint(folder, device)
+    if (folder / CHECKPOINT).exists():
+        raise SettingsError(
+            f"{folder}: a training is there already: go on with it by --resume {folder}, or give "
+            "this one another name by --set name=…"
+        )
+    return None
+
+
+def show_samples(folder: Path, sheet: Image) -> None:
+    """Make a training's folder, with a picture in it of what it begins to learn from.
+
+    Raises:
+        OSError: the folder cannot be made.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    return state
+    cv2.imwrite(str(folder / SAMPLES), sheet)
+    typer.echo(f"{folder / SAMPLES}: look at it.")
 
 
 def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:

@@ -28,7 +28,7 @@ from follower.training.detector.trainer import (
     mean_average_precision,
 )
 from follower.training.onnx_export import ExportedNetwork, export_network, write_card
-from follower.training.trainer import SAMPLES, load_checkpoint, open_folder, train
+from follower.training.trainer import load_checkpoint, open_training, show_samples, train
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection.families import YOLOV2_STRIDE
 from follower_vision.images.frame import Image
@@ -145,7 +145,7 @@ def train_detector(
     Raises:
         SettingsError: the data or the checkpoint cannot be used.
     """
-    state = open_folder(config.training, folder, device, resume)
+    state = open_training(config.training, folder, device, resume)
     pictures: TrainingImages = config.rendered
     if config.data is not None:
         pictures = FolderPictures(config.data, config.folder, config.seed)
@@ -191,14 +191,12 @@ def _show_samples(
     """Draw some of the pictures; return the anchors, if none are given those that fit best."""
     some = _some(config, pictures, max(config.training.anchor_pictures, _SHEET_PICTURES))
     tiles = [_with_truth(picture, pictures.class_names) for picture in some[:_SHEET_PICTURES]]
-    path = folder / SAMPLES
-    cv2.imwrite(str(path), _sheet(tiles))
+    show_samples(folder, _sheet(tiles))
     wanted = [one.boxes[one.classes != IGNORED] for one in some]
     corners = np.concatenate([*wanted, np.empty((0, 4), np.float32)]).astype(np.float64)
     sizes = (corners[:, 2:] - corners[:, :2]) / YOLOV2_STRIDE
     if anchors is None:
         anchors = find_anchors(sizes, config.training.anchors, config.seed)
-    typer.echo(f"{path}: look at it.")
     return anchors
 
 

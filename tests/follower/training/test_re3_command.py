@@ -84,6 +84,28 @@ def test_a_resumed_training_stays_in_its_folder_and_keeps_its_weights(tmp_path: 
         output_of("train", "detector", "--resume", str(folder), "--start", "other")
 
 
+@pytest.mark.parametrize("kind", ["re3", "siamese", "detector"])
+def test_a_training_is_not_written_over(kind: str, tmp_path: Path) -> None:
+    folder = tmp_path / f"follower-{kind}"
+    folder.mkdir()
+    save_checkpoint(folder, {"kind": kind, "step": 900})
+    before = (folder / "checkpoint.pt").read_bytes()
+    said = f"{folder}: a training is there already: go on with it by --resume {folder}, or give"
+    with pytest.raises(SettingsError, match=said):
+        output_of("train", kind, "--out", str(tmp_path))
+    assert (folder / "checkpoint.pt").read_bytes() == before
+    assert list(folder.iterdir()) == [folder / "checkpoint.pt"]
+
+
+@pytest.mark.parametrize(("kind", "option"), [("re3", "--pictures"), ("detector", "--data")])
+def test_a_training_that_cannot_begin_leaves_no_folder(
+    kind: str, option: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SettingsError, match="no-pictures"):
+        output_of("train", kind, option, "no-pictures", "--out", str(tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
 def test_only_a_motion_trackers_training_is_exported(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, {"kind": "detector"})
     with pytest.raises(SettingsError, match="this is no training of a motion tracker"):
