@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from rich.console import JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
@@ -41,10 +42,12 @@ NEVER = "never"
 _LEAST_P = 0.001
 """A smaller p is shown as below this."""
 _SHORT = ("AUC", "S@0.5", "P@20", "NP", "fps", "CPU ms")
-_SHORT_STATES = (
-    "TRACKING at IoU 0", "while absent", "doubted",
-    "returns", "median s", "< 0.5 s", "losses", "median s", "< 0.5 s",
-)  # fmt: skip
+"""The rest of HEAD, as the terminal shows it."""
+_SHORT_STATES = {
+    "TRACKING\nat IoU 0": 0, "while\nabsent": 1, "right but\ndoubted": 2,
+    "return\nmedian s": 4, "loss\nmedian s": 7,
+}  # fmt: skip
+"""Which of STATES_HEAD the terminal shows, under another name."""
 
 Figure = float | int | str | None
 
@@ -129,25 +132,29 @@ def stateless(rows: Sequence[ResultRow]) -> list[str]:
 
 def terminal_tables(rows: Sequence[MeanRow], differences: Sequence[Difference]) -> Iterable[Table]:
     """Yield the means, differences, and what the states are worth where a tracker has some."""
-    yield _table(_SHORT, [(row, texts(row)) for row in rows])
+    yield _table((*HEAD[:2], *_SHORT), [(row.tracker, row.kind, *texts(row)) for row in rows])
     if differences:
-        table = Table(box=None, pad_edge=False, header_style="dim")
-        for number, name in enumerate(DIFFERENCES_HEAD):
-            table.add_column(name, justify="left" if number < 4 else "right")
-        for one in differences:
-            table.add_row(*map(escape, difference_texts(one)))
-        yield table
+        head = (f"against {differences[0].reference}", *DIFFERENCES_HEAD[2:])
+        lines = [(one[0], *one[2:]) for one in map(difference_texts, differences)]
+        yield _table(head, lines, names=3)
     said = [(row, states_texts(row.states)) for row in rows if row.states]
     if said:
-        yield _table(_SHORT_STATES, said)
+        lines = [
+            (row.tracker, row.kind, *(cells[place] for place in _SHORT_STATES.values()))
+            for row, cells in said
+        ]
+        yield _table((*HEAD[:2], *_SHORT_STATES), lines)
 
 
-def _table(head: Sequence[str], lines: Iterable[tuple[ResultRow, Sequence[str]]]) -> Table:
+def _table(head: Sequence[str], lines: Iterable[Sequence[str]], names: int = 2) -> Table:
+    """Return a table whose figures are whole on any terminal; the names before them are folded."""
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for number, name in enumerate((*HEAD[:2], *head)):
-        table.add_column(name, justify="left" if number < 2 else "right", no_wrap=number < 2)
-    for row, cells in lines:
-        table.add_row(escape(row.tracker), row.kind, *cells)
+    for number, name in enumerate(head):
+        is_name = number < names
+        justify: JustifyMethod = "left" if is_name else "right"
+        table.add_column(escape(name), justify=justify, overflow="fold", no_wrap=not is_name)
+    for cells in lines:
+        table.add_row(*map(escape, cells))
     return table
 
 

@@ -24,9 +24,9 @@ from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
 from follower.apps.evaluate.contender import Contender, EvaluationResult, RunStart
-from follower.apps.evaluate.output_files import difference_texts
+from follower.apps.evaluate.output_files import difference_texts, terminal_tables
 from follower.apps.evaluate.run import EvaluationPlan, evaluate
-from follower.apps.evaluate.scores import Difference, rows, scored
+from follower.apps.evaluate.scores import Difference, differences, rows, scored
 from follower_control.common.strict_config import SettingsError
 from follower_vision.evaluation.intervals import PairedDifference
 from follower_vision.evaluation.one_pass import Sequence
@@ -161,6 +161,25 @@ def test_a_sequence_weighs_the_same_however_many_starts_it_has() -> None:
         runs += [scored("one", sequence, start, 30.0, result)] * count
     (row,) = rows(runs)
     assert (row.score.success, row.states.false_tracking) == (0.5, 0.5)
+
+
+def test_tables_of_long_names_are_whole_on_eighty_columns() -> None:
+    there, states = Box(50, 50, 20, 20), (TrackState.TRACKING,) * 9
+    runs = []
+    for name in ("fusion-paper:siamese-correlation+fastestdet", "fusion:nanotrack-v3+yolox-nano"):
+        for place in ("a", "b"):
+            truth = (there, None, *(there,) * 7)
+            sequence = Sequence(place, tuple(Path(f"{k}.png") for k in range(9)), truth)
+            result = EvaluationResult((there,) * 9, states, (0.0125,) * 9, 0.1)
+            runs.append(scored(name, sequence, RunStart("ope", 0, 0, there), 30.0, result))
+    console = Console(record=True, width=80, file=StringIO())
+    for table in terminal_tables(rows(runs), differences(runs)):
+        console.print(table)
+    shown = console.export_text()
+    assert "…" not in shown
+    assert shown.count("0.952  1.000  1.000  1.000   80    12.5") == 2
+    assert shown.count("+0.000  [+0.000, +0.000]  1.000") == 3
+    assert shown.count("0.0 %  100.0 %      0.0 %      0.00") == 2
 
 
 @pytest.mark.parametrize(
