@@ -32,7 +32,7 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.models import ModelStore, Purpose
 from follower_vision.models.download import sha256_of
-from follower_vision.onnx_network import Feeds, ModelError, Network
+from follower_vision.onnx_network import Feeds, ModelError, Network, path_of
 from follower_vision.trackers.motion_tracker import MotionTracker
 from follower_vision.trackers.opencv import OPENCV_KINDS
 from follower_vision.trackers.re3 import Re3Network, Re3Tracker
@@ -125,7 +125,7 @@ def find_reducible(name: str, store: ModelStore) -> Reducible:
         ModelError: it is not there, broken, of no kind that we run, or run by OpenCV.
     """
     if name.endswith(".onnx"):
-        path = Path(name).expanduser()
+        path = path_of(name)
         return Reducible(path.stem, (path,), _kind(path), path.parent)
     model = store.model(name)
     files = tuple(store.paths(model))

@@ -30,7 +30,9 @@ from follower_vision.models import (
     default_folder,
     download,
 )
+from follower_vision.models.store import EMBEDDED_FOLDER
 from follower_vision.onnx_network import ModelError
+from follower_vision.trackers.registry import make_tracker
 
 CONTENT = bytes(range(256)) * 2000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -408,6 +410,26 @@ def test_make_detector_knows_names_and_paths(tmp_path: Path) -> None:
         make_detector("nanotrack-v3", store)
     with pytest.raises(ModelError, match=r"mine\.onnx: no such network"):
         make_detector(str(tmp_path / "mine.onnx"), store)
+
+
+@pytest.mark.parametrize("file", ["re3.onnx", "siamese_head.onnx", "detector.onnx"])
+def test_a_path_may_begin_with_somebodys_home(file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No shell puts the home in its place in a file of settings."""
+    store = ModelStore(EMBEDDED_FOLDER)
+
+    def make(name: str) -> object:
+        is_detector = file == "detector.onnx"
+        return make_detector(name, store) if is_detector else make_tracker(name, store.file)
+
+    monkeypatch.setenv("HOME", str(EMBEDDED_FOLDER))
+    assert make(f"~/follower-{file}")
+    with pytest.raises(ModelError, match=f"~nobody1/{file}: there is no such home; write"):
+        make(f"~nobody1/{file}")
+
+
+def test_a_folder_of_networks_in_a_home_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(ModelError, match="~nobody1/nets: there is no such home"):
+        default_folder({"FOLLOWER_MODELS": "~nobody1/nets"})
 
 
 @needs_data("weights")

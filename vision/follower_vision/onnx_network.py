@@ -97,6 +97,18 @@ class ModelError(ValueError):
 _REFUSALS: tuple[type[Exception], ...] = (ModelError, *_ERRORS)
 
 
+def path_of(name: str) -> Path:
+    """Return the path that a user has named, with the home folder for its "~".
+
+    Raises:
+        ModelError: there is no such home.
+    """
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        raise ModelError(f"{name}: there is no such home; write the whole path") from None
+
+
 def check_model(path: Path) -> None:
     """Make sure that a network's file is there.
 

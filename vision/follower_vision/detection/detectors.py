@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
 from follower_vision.models.table import Purpose, VisionModel
-from follower_vision.onnx_network import CPU, ModelError
+from follower_vision.onnx_network import CPU, ModelError, path_of
 from follower_vision.plugins import SURE, Plugin, PluginError, PluginGroup, PluginGuard
 
 EMBEDDED = "embedded"
@@ -46,7 +45,7 @@ def make_detector(name: str, store: ModelStore, device: str = CPU) -> Detector:
         ModelError: there is no such detector, or its file is missing or broken.
         PluginError: another package's detector cannot be used.
     """
-    path, family = Path(name).expanduser(), None
+    path, family = path_of(name), None
     if path.suffix != ".onnx":
         if name != EMBEDDED and all(model.name != name for model in store.models):
             return _added(name, store, device)

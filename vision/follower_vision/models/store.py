@@ -11,7 +11,7 @@ from pathlib import Path
 from follower_vision.disk import write_whole
 from follower_vision.models.download import DownloadError, Progress, fetch, sha256_of
 from follower_vision.models.table import MODELS, ModelFile, VisionModel
-from follower_vision.onnx_network import ModelError
+from follower_vision.onnx_network import ModelError, path_of
 from follower_vision.user_cache import cache_folder
 
 EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
@@ -28,10 +28,14 @@ class FileState(StrEnum):
 
 
 def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
-    """Return the user's folder: $FOLLOWER_MODELS, or follower/models in the user's cache."""
+    """Return the user's folder: $FOLLOWER_MODELS, or follower/models in the user's cache.
+
+    Raises:
+        ModelError: the former is in a home that is not there.
+    """
     own = environment.get("FOLLOWER_MODELS")
     if own:
-        return Path(own).expanduser()
+        return path_of(own)
     return cache_folder(environment) / "models"
 
 

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from follower_vision.onnx_network import CPU
+from follower_vision.onnx_network import CPU, path_of
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, JoinedTracker, MotionTracker
 from follower_vision.trackers.nanotrack import (
@@ -102,11 +102,11 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
         PluginError: another package's tracker cannot be used.
     """
     if name.endswith(_HEAD):
-        head, stem = Path(name), Path(name).name.removesuffix(_HEAD)
+        head, stem = path_of(name), Path(name).name.removesuffix(_HEAD)
         network = NanoTrackNetwork(head.with_name(stem + _BACKBONE), head, device)
         return NanoTracker(network, SIAMESE_SETTINGS, stem)
     if name.endswith(_NETWORK):
-        return Re3Tracker(Re3Network(Path(name), device), name=Path(name).stem)
+        return Re3Tracker(Re3Network(path_of(name), device), name=Path(name).stem)
     if name in TRACKERS:
         return TRACKERS[name](find_file, device)
     plugin = TRACKER_PLUGINS.find(name)
