@@ -31,6 +31,8 @@ _LEARNT_WORDS = {f"train{year}" for year in _YEARS}
 _HELD_OUT_WORDS = {f"{part}{year}" for part in ("val", "valid", "test") for year in _YEARS}
 _ROUNDING = 2e-3
 _LEAST_PICTURES = 2
+_TEXT = "utf-8-sig"
+"""UTF-8 with or without the byte order mark that Windows writes."""
 _Corners = tuple[float, float, float, float]
 _Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff"})
@@ -103,7 +105,13 @@ class _Coco(BaseModel):
 
 def coco_files(folder: Path) -> list[Path]:
     """Return the JSON files of a folder, or of its `annotations`."""
-    return sorted([*folder.glob("*.json"), *folder.glob("annotations/*.json")])
+    return _seen(folder, "*.json", "annotations/*.json")
+
+
+def _seen(folder: Path, *patterns: str) -> list[Path]:
+    """Return what fits a pattern, in order, but hidden files, as a Mac leaves beside each file."""
+    found = (path for pattern in patterns for path in folder.glob(pattern))
+    return sorted(path for path in found if not path.name.startswith("."))
 
 
 def read_coco(folder: Path) -> tuple[tuple[str, ...], list[Entry]]:
@@ -131,7 +139,7 @@ def read_coco(folder: Path) -> tuple[tuple[str, ...], list[Entry]]:
 
 def _parse_coco(path: Path) -> _Coco:
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(_TEXT))
     except json.JSONDecodeError as error:
         raise SettingsError(f"{path}, line {error.lineno}: no valid JSON: {error.msg}") from None
     except (OSError, UnicodeDecodeError):
@@ -176,7 +184,7 @@ def read_yolo(folder: Path) -> tuple[tuple[str, ...], list[Entry]]:
         SettingsError: the names are missing, a line is wrong, or there are no pictures or labels.
     """
     names = _names(folder)
-    pictures = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PICTURE_SUFFIXES)
+    pictures = [path for path in _seen(folder, "**/*") if path.suffix.lower() in PICTURE_SUFFIXES]
     if not pictures:
         raise SettingsError(f"{folder}: there are no pictures in it")
     entries = [_entry(folder, picture, len(names)) for picture in pictures]
@@ -189,12 +197,12 @@ def read_yolo(folder: Path) -> tuple[tuple[str, ...], list[Entry]]:
 
 
 def _names(folder: Path) -> tuple[str, ...]:
-    for path in sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")]):
+    for path in _seen(folder, "*.yaml", "*.yml"):
         names = _yaml_names(path)
         if names:
             return names
     path = folder / "classes.txt"
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    lines = path.read_text(_TEXT).splitlines() if path.is_file() else []
     names = tuple(line.strip() for line in lines if line.strip())
     if names:
         return names
@@ -227,7 +235,7 @@ def _label_path(folder: Path, picture: Path) -> Path:
 def _entry(folder: Path, picture: Path, classes: int) -> Entry:
     path = _label_path(folder, picture)
     try:
-        lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+        lines = path.read_text(_TEXT).splitlines() if path.is_file() else []
     except UnicodeDecodeError:
         raise SettingsError(f"{path}: not a text file") from None
     objects = [

@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from follower.training.detector.dataset import FolderPictures, is_held_out, read_coco, read_yolo
+from follower.training.detector.dataset import (
+    FolderPictures,
+    coco_files,
+    is_held_out,
+    read_coco,
+    read_yolo,
+)
 from follower.training.detector.labelled_image import IGNORED
 from follower.training.detector.settings import FolderSettings
 from follower_control.common.strict_config import SettingsError
@@ -123,6 +129,24 @@ def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) ->
     assert first.boxes.tolist() == [[10, 5, 30, 15]]
     assert first.classes.tolist() == [1]
     assert second.classes.tolist() == [IGNORED]
+
+
+@pytest.mark.parametrize("form", ["yolo", "coco"])
+def test_windows_byte_order_marks_and_a_macs_hidden_files_change_nothing(
+    tmp_path: Path, form: str
+) -> None:
+    folder = (coco if form == "coco" else yolo)(tmp_path)
+    if form == "yolo":
+        (folder / "data.yaml").unlink()
+        (folder / "classes.txt").write_text("car\ndrone\n")
+    read = read_coco if form == "coco" else read_yolo
+    names, entries = read(folder)
+    for path in sorted(path for path in folder.rglob("*.*") if path.is_file()):
+        if path.suffix != ".png":
+            path.write_text(path.read_text(), "utf-8-sig")
+        path.with_name(f"._{path.name}").write_bytes(b"\x00\x05\x16\x07")
+    assert read(folder) == (names, entries)
+    assert coco_files(folder) == ([folder / "labels.json"] if form == "coco" else [])
 
 
 @pytest.mark.parametrize("box", [[80, 5, 20, 10], [10, 40, 20, 10], [-20, 5, 20, 10]])
