@@ -202,8 +202,7 @@ def _names(folder: Path) -> tuple[str, ...]:
         if names:
             return names
     path = folder / "classes.txt"
-    lines = path.read_text(_TEXT).splitlines() if path.is_file() else []
-    names = tuple(line.strip() for line in lines if line.strip())
+    names = tuple(line.strip() for line in _lines(path) if line.strip())
     if names:
         return names
     raise SettingsError(
@@ -234,17 +233,21 @@ def _label_path(folder: Path, picture: Path) -> Path:
 
 def _entry(folder: Path, picture: Path, classes: int) -> Entry:
     path = _label_path(folder, picture)
-    try:
-        lines = path.read_text(_TEXT).splitlines() if path.is_file() else []
-    except UnicodeDecodeError:
-        raise SettingsError(f"{path}: not a text file") from None
     objects = [
         _object(line.split(), f"{path}, line {number}", classes)
-        for number, line in enumerate(lines, start=1)
+        for number, line in enumerate(_lines(path), start=1)
         if line.strip()
     ]
     boxes, kinds = tuple(box for _, box in objects), tuple(kind for kind, _ in objects)
     return Entry(picture, boxes, kinds, is_held_out(picture.relative_to(folder)), shares=True)
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a file, none if it is not there."""
+    try:
+        return path.read_text(_TEXT).splitlines() if path.is_file() else []
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path}: not a text file in UTF-8") from None
 
 
 def _object(words: list[str], where: str, classes: int) -> tuple[int, _Corners]:

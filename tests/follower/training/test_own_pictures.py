@@ -122,6 +122,15 @@ def test_a_yolo_folder_without_names_pictures_or_labels_says_what_is_missing(
         read_yolo(tmp_path)
 
 
+@pytest.mark.parametrize("file", ["classes.txt", "labels/train/one.txt"])
+def test_text_that_is_no_utf_8_is_named(tmp_path: Path, file: str) -> None:
+    (yolo(tmp_path) / "data.yaml").unlink()
+    (tmp_path / "classes.txt").write_text("car\ndrone\n")
+    (tmp_path / file).write_bytes("0 é".encode("latin-1"))
+    with pytest.raises(SettingsError, match=rf"{file}: not a text file in UTF-8"):
+        read_yolo(tmp_path)
+
+
 def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) -> None:
     names, entries = read_coco(coco(tmp_path))
     assert names == ("car", "drone")
