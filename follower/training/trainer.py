@@ -3,6 +3,7 @@
 import copy
 import csv
 import io
+import math
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -165,7 +166,11 @@ def show_samples(folder: Path, sheet: Image) -> None:
 
 
 def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:
-    """Do all steps that are left; the training can be interrupted at any time."""
+    """Do all steps that are left; the training can be interrupted at any time.
+
+    Raises:
+        SettingsError: the loss is no number; the checkpoint is that of before.
+    """
     resolved = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     (folder / CONFIG).write_text(resolved, encoding="utf-8")
     log = ProgressLog(
@@ -178,6 +183,11 @@ def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:
         while not trainer.done:
             figures = trainer.train_step()
             step, loss = trainer.step_number, figures["loss"]
+            if not math.isfinite(loss):
+                raise SettingsError(
+                    f"{folder}, step {step}: the loss is {loss}: the training has diverged; try a "
+                    "smaller learning rate"
+                )
             smooth = _SMOOTHED * smooth + (1 - _SMOOTHED) * loss if smooth else loss
             if step % trainer.plan.validate_every == 0 or trainer.done:
                 quality = figures[trainer.quality] = trainer.validate()
