@@ -131,8 +131,8 @@ def test_the_command_writes_into_the_users_folder_and_says_its_verdict(
     assert path.as_posix() in said.replace(" ", "")
 
 
-def figures(success: float, speed: float) -> Comparison:
-    before, after = (OpeScore(value, value, value, 100) for value in (0.9, success))
+def figures(success: float, speed: float, original: float = 0.9) -> Comparison:
+    before, after = (OpeScore(value, value, value, 100) for value in (original, success))
     return Comparison(before, after, speed, "1 sequence")
 
 
@@ -140,7 +140,8 @@ def test_only_what_is_as_good_and_faster_is_taken_by_default() -> None:
     assert figures(0.896, 1.2).refusal == ""
     assert figures(0.95, 1.2).refusal == ""
     assert "success falls by 0.005" in figures(0.895, 1.2).refusal
-    assert figures(0.9, 1.05).refusal == "it is hardly faster here"
+    assert figures(0.9, 1.05).refusal == "it is 1.05 times as fast here, less than 1.1"
+    assert "finds nothing on these sequences" in figures(0.0, 2.0, original=0.0).refusal
 
 
 @pytest.fixture
