@@ -1,10 +1,13 @@
 """Packages that add trackers, detectors and sources; and what they cannot break."""
 
+import json
 import math
+import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +22,7 @@ from program import MAIN, run_from
 from rich.console import Console
 
 from follower.apps.command_settings import command_settings
-from follower.apps.evaluate.run import EvaluationPlan, evaluate
+from follower.apps.evaluate.run import EvaluationPlan, evaluate, measure
 from follower.apps.main import UNUSABLE, main
 from follower.apps.preflight.session import model_states
 from follower.apps.video_input import VideoInput
@@ -178,6 +181,29 @@ def test_an_evaluation_leaves_it_out_and_goes_on(site: Site, clip: Path, tmp_pat
     results = (tmp_path / "evaluate" / "results.csv").read_text("utf-8")
     assert "identity" in results
     assert "bad" not in results
+
+
+@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_an_evaluation_says_where_one_failed_and_measures_it_again(
+    site: Site, clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
+) -> None:
+    fault = "if 'BROKEN' in os.environ: raise OSError('gone')"
+    site.add(
+        "follower-late", "trackers", "late", f"import os\n{TRACKER}{FAILS_LATE}".format(fault=fault)
+    )
+    paths = [str(site.folder), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))  # for the other process
+    monkeypatch.setenv("BROKEN", "")
+    plan = EvaluationPlan([clip], ["late", "identity"], out=tmp_path, workers=workers)
+    found = measure(plan)
+    (said,) = found.remarks
+    assert said.startswith(
+        "late on clip: the tracker 'late' of follower-late 1.0 fails, and counts"
+    )
+    assert said.endswith("OSError: gone")
+    assert said in json.loads((found.folder / "results.json").read_text("utf-8"))["remarks"]
+    monkeypatch.delenv("BROKEN")
+    assert measure(replace(plan, resume=found.folder)).remarks == []
 
 
 def test_two_packages_with_one_name_are_both_named_and_neither_is_taken(

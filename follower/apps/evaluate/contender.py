@@ -1,7 +1,7 @@
 """What is compared: trackers by their names on the command line."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -16,6 +16,7 @@ from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.models import ModelStore, default_folder
+from follower_vision.plugins import telling_failures
 from follower_vision.trackers.motion_tracker import MotionEstimate, MotionTracker
 from follower_vision.trackers.registry import is_tracker, make_tracker
 from follower_vision.trackers.target_tracker import TargetTracker
@@ -155,12 +156,14 @@ class EvaluationResult:
         frame_s: one a frame, by the clock: of making and starting the tracker, then of each
             update; empty for the boxes of another program.
         processor_s: time of all updates by the processor, all threads together.
+        failures: what parts of other packages did wrong, in words.
     """
 
     boxes: tuple[Box | None, ...]
     states: tuple[TrackState, ...] | None = None
     frame_s: tuple[float, ...] = ()
     processor_s: float = 0.0
+    failures: tuple[str, ...] = ()
 
     @property
     def busy_s(self) -> float:
@@ -185,6 +188,15 @@ def run(
         OSError: an image cannot be read.
         ModelError: a network is missing.
     """
+    failures: list[str] = []
+    with telling_failures(failures.append):
+        result = _run(contender, sequence, start, rate_hz, clock)
+    return replace(result, failures=tuple(failures))
+
+
+def _run(
+    contender: Contender, sequence: Sequence, start: RunStart, rate_hz: float, clock: Clock
+) -> EvaluationResult:
     images = sequence.images[start.frame :]
     first = Frame(read_image(images[0]), 0.0, 0)
     begin_s = clock.now()
@@ -227,7 +239,7 @@ class ResultStore:
     def load(
         self, contender: Contender, sequence: Sequence, start: RunStart, rate_hz: float
     ) -> EvaluationResult | None:
-        """Return the result of the same run, None if there is none or it is of another run."""
+        """Return the result of the same run, None if there is none without a failure."""
         path = self._path(contender, sequence, start)
         if not path.is_file():
             return None
@@ -236,7 +248,8 @@ class ResultStore:
         except ValueError:
             return None
         whole = len(result.boxes) == len(sequence.images) - start.frame
-        return result if whole and key == _key(contender, start, rate_hz) else None
+        same = key == _key(contender, start, rate_hz)
+        return result if whole and same and not result.failures else None
 
     def _path(self, contender: Contender, sequence: Sequence, start: RunStart) -> Path:
         name = contender.name.replace(":", "@").replace("/", "_")

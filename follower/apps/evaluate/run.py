@@ -154,7 +154,7 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
     if not kept:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
     whole = [sequence for sequence in sequences if sequence.name not in broken]
-    remarks += _clipped(kept, whole)
+    remarks += [*_clipped(kept, whole), *_failed(kept)]
     found = Evaluation(
         folder,
         rows(kept),
@@ -178,6 +178,15 @@ def _clipped(runs: Iterable[ScoredRun], sequences: Iterable[Sequence]) -> list[s
     }
     said = "the first box lies partly outside the image, and trackers started from the part inside"
     return [f"{', '.join(names)}: {said}"] if names else []
+
+
+def _failed(runs: Iterable[ScoredRun]) -> list[str]:
+    """Say which trackers' parts of other packages failed, and on which sequences."""
+    names: dict[tuple[str, str], dict[str, None]] = {}
+    for one in runs:
+        for failure in one.result.failures:
+            names.setdefault((one.tracker, failure), {})[one.sequence] = None
+    return [f"{tracker} on {', '.join(on)}: {said}" for (tracker, said), on in names.items()]
 
 
 def _can_be_made(contender: Contender, remarks: list[str]) -> bool:
