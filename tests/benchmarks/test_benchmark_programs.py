@@ -1,11 +1,14 @@
 """The benchmarks as programs: each says what it is for, and what it cannot use."""
 
 import ast
+import importlib
 import runpy
 import sys
 from pathlib import Path
 
 import pytest
+
+from follower_vision.trackers.motion_tracker import IdentityTracker
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 PROGRAMS = [path for path in BENCHMARKS.rglob("*.py") if "__main__" in path.read_text("utf-8")]
@@ -53,3 +56,34 @@ def test_what_a_benchmark_cannot_use_is_said_in_one_line(
 ) -> None:
     assert ended(BENCHMARKS / f"{name}.py", *words, monkeypatch=monkeypatch) == 2
     assert reason in capsys.readouterr().err.splitlines()[-1]
+
+
+class SearchingTracker(IdentityTracker):
+    """Takes a second for each thing that it does; an update is a search and more."""
+
+    def __init__(self, now: list[float]) -> None:
+        super().__init__()
+        self._now = now
+
+    def search(self, *_: object) -> None:
+        self._now[0] += 1.0
+
+    def learn(self, *_: object) -> None:
+        self._now[0] += 1.0
+
+    def update(self, *_: object) -> None:
+        self.search()
+        self._now[0] += 1.0
+
+
+def test_fusions_speed_knows_all_that_fusion_has_its_motion_tracker_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    speed, now = importlib.import_module("fusion_speed"), [0.0]
+    monkeypatch.setattr(speed.time, "thread_time", lambda: now[0])
+    spent = speed.Spent()
+    tracker = speed.timed(SearchingTracker(now), spent)
+    for name, in_all_s in (("search", 1.0), ("learn", 2.0), ("update", 4.0)):
+        getattr(tracker, name)(None, None)
+        assert spent.motion_s == in_all_s
