@@ -102,7 +102,7 @@ def _plain(name: str, options: argparse.Namespace) -> Measure:
 def _out_of_fold(name: str, options: argparse.Namespace) -> Measure:
     """Runs of Fusion, each by the model that has not seen the sequence."""
     contender = Contender(name, options.detector)
-    setup = FusionSetup(contender.motion, contender.detector or None)
+    setup = FusionSetup(contender.motion, contender.network)
     return partial(_fusion_runs, setup=setup, models=options.models)
 
 

@@ -5,9 +5,11 @@ import importlib
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from follower.training.fusion.settings import FusionSetup
 from follower_vision.trackers.motion_tracker import IdentityTracker
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -87,3 +89,20 @@ def test_fusions_speed_knows_all_that_fusion_has_its_motion_tracker_do(
     for name, in_all_s in (("search", 1.0), ("learn", 2.0), ("update", 4.0)):
         getattr(tracker, name)(None, None)
         assert spent.motion_s == in_all_s
+
+
+@pytest.mark.parametrize(
+    ("name", "setup"),
+    [
+        ("fusion:correlation+none", ("correlation", None)),
+        ("fusion:correlation", ("correlation", "yolox-nano")),
+        ("fusion+fastestdet", ("nanotrack-v3", "fastestdet")),
+    ],
+)
+def test_fusion_out_of_fold_has_the_detector_that_its_name_says(
+    name: str, setup: tuple[str, str | None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    crossed = importlib.import_module("fusion_cv")
+    options = SimpleNamespace(detector="yolox-nano", models=Path("models"))
+    assert crossed._out_of_fold(name, options).keywords["setup"] == FusionSetup(*setup)

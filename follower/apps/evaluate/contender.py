@@ -73,6 +73,11 @@ class Contender:
         return (self.asked_detector or self.default_detector) if self.kind else ""
 
     @property
+    def network(self) -> str | None:
+        """The detector that is to be made, None for none."""
+        return None if self.detector in ("", _NONE) else self.detector
+
+    @property
     def identity(self) -> str:
         """What a stored result must agree with."""
         return f"{self.kind or 'motion'} {self.motion} {self.detector}".strip()
@@ -88,7 +93,7 @@ class Contender:
         if not self.kind:
             return AlwaysBelieved(motion)
         settings = FusionSettings.paper() if self.kind == "fusion-paper" else FusionSettings()
-        detector = None if self.detector == _NONE else make_detector(self.detector, store)
+        detector = None if self.network is None else make_detector(self.network, store)
         return make_fusion(motion, detector, settings)
 
     def start(self, frame: Frame, box: Box) -> tuple[TargetTracker, Track]:
