@@ -17,7 +17,8 @@ starts
 
 `follower evaluate otb/ --boxes theirs=results/` – beside another program's boxes
 
-`follower evaluate otb/ --resume runs/evaluate` – go on where a run was stopped, or killed
+`follower evaluate otb/ --trackers correlation,nanotrack-v3 --resume runs/evaluate` – the same
+command goes on where it was stopped, or killed
 """
 TRAX_EPILOG = """
 **Example**, in `trackers.ini` of a workspace of vot-toolkit; then `vot evaluate Fusion` runs it
@@ -67,7 +68,8 @@ def evaluate_command(
         "runs"
     ),
     resume: Annotated[
-        Path | None, typer.Option(help="Go on with a run's folder; what is done is kept.")
+        Path | None,
+        typer.Option(help="Go on with a run's folder by the same command; what is done is kept."),
     ] = None,
     fps: Annotated[
         float,

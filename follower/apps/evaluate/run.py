@@ -85,7 +85,8 @@ def evaluate(plan: EvaluationPlan, console: Console | None = None) -> int:
     try:
         found = measure(plan, console)
     except EvaluationInterrupted as interrupted:
-        print_line(console, f"interrupted; go on with --resume {interrupted.folder}")
+        again = f"the same command with --resume {interrupted.folder}"
+        print_line(console, f"interrupted; go on with {again}")
         return _INTERRUPTED
     for remark in found.remarks:
         print_line(console, remark, style="yellow")
@@ -137,7 +138,8 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
         why = "; ".join(remarks) or "give --trackers a,b or --boxes name=folder"
         raise SettingsError(f"nothing to measure: {why}")
     folder = plan.resume or new_run_folder(plan.out, "evaluate")
-    print_line(console, f"{folder} (if this is stopped: --resume {folder})", style="dim")
+    again = f"the same command with --resume {folder}"
+    print_line(console, f"{folder} (if this is stopped: {again})", style="dim")
     jobs = [
         (contender, sequence, start, sequence.rate_hz or plan.fps)
         for contender in contenders
