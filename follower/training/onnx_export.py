@@ -111,9 +111,9 @@ def folded(network: ModuleT) -> ModuleT:
 
 @torch.no_grad()
 def round_to_half(network: nn.Module) -> None:
-    """Change the weights to numbers that 16 bits hold exactly."""
-    for value in network.parameters():
-        if value.numel() >= _LEAST_VALUES:
+    """Change the weights, and statistics beside them, to numbers that 16 bits hold exactly."""
+    for value in itertools.chain(network.parameters(), network.buffers()):
+        if value.is_floating_point() and value.numel() >= _LEAST_VALUES:
             value.copy_(value.half().float())
 
 

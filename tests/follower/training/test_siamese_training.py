@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from program import output_of
 
+from follower.training.onnx_export import AGREEMENT
 from follower.training.scenes.generator import SceneMaker, SceneSettings
 from follower.training.scenes.image_source import ImageSource
 from follower.training.siamese.examples import Batches, pair
@@ -189,6 +190,15 @@ def test_the_exported_networks_answer_as_the_trained_one(tmp_path: Path) -> None
     at, sides = places().numpy(), answer.sides.reshape(4, -1).T.numpy()
     corners = np.hstack([at - sides[:, :2], at + sides[:, 2:]])
     np.testing.assert_allclose(found.corners, corners, rtol=1e-2, atol=0.1)
+
+
+def test_an_export_is_compared_with_the_statistics_that_its_file_keeps(tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    module = SiameseModule(SiameseNetworkSettings(channels=64, head=8)).eval()
+    module.head.levelled.running_mean.normal_()
+    module.head.levelled.running_var.uniform_(0.01, 0.1)
+    for exported in export_siamese(module, tmp_path / "mine"):
+        assert exported.difference < AGREEMENT / 10
 
 
 @pytest.mark.slow
