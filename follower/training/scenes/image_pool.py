@@ -1,6 +1,7 @@
 """Where scenes get their pictures: files made small once, and the simulator's renderer."""
 
 import math
+import shutil
 from pathlib import Path
 
 import cv2
@@ -73,6 +74,7 @@ def prepare(folder: Path, stock: Path, seed: int, listing: Path | None = None) -
     order = np.random.default_rng(seed).permutation(len(cutouts))[:MOST_CUTOUTS]
     chosen = [cutouts[index] for index in order]
     part = stock.with_name(f"{stock.name}.part")
+    shutil.rmtree(part, ignore_errors=True)  # what was interrupted may have been of other pictures
     jobs = [
         *((part / "photographs", path, _small_photograph) for path in photographs),
         *((part / "cutouts", path, _small_cutout) for path in chosen),

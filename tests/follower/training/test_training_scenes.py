@@ -210,7 +210,10 @@ def test_pictures_are_made_small_once(tmp_path: Path, monkeypatch: pytest.Monkey
         with pytest.raises(KeyboardInterrupt):
             prepare(tmp_path, tmp_path / "stock", 1, listing)
     assert not (tmp_path / "stock").exists()
+    left = tmp_path / "stock.part" / "cutouts" / "00099.png"
+    left.write_bytes(b"of another folder")
     prepare(tmp_path, tmp_path / "stock", 1, listing)
+    assert not (tmp_path / "stock" / "cutouts" / left.name).exists()
     pictures = load(tmp_path / "stock", 1, collages=1)
     assert pictures.photographs[0].shape == (150, 1100, 3)
     assert [cutout.size for cutout in pictures.cutouts] == [(128, 85)]
