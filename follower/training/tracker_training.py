@@ -64,7 +64,9 @@ class TrackerTraining(Generic[ConfigT, TrainerT]):
     def _begin(self, config: ConfigT, folder: Path, device: torch.device, resume: bool) -> TrainerT:
         plan = config.training
         state = open_training(plan, folder, device, resume)
-        pictures = image_source(config.pictures, folder, plan.seed, plan.worlds, plan.bodies)
+        pictures = image_source(
+            config.pictures, folder, plan.seed, plan.worlds, plan.bodies, resume
+        )
         trainer = self.make_trainer(plan, pictures, device)
         if state is not None:
             trainer.restore(state)

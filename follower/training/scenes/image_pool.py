@@ -85,6 +85,7 @@ def prepare(folder: Path, stock: Path, seed: int, listing: Path | None = None) -
         picture = shrink(path)
         if picture is not None:
             cv2.imwrite(str(target / f"{index:05}.png"), picture)
+    shutil.rmtree(stock, ignore_errors=True)
     part.replace(stock)
 
 
@@ -107,22 +108,28 @@ def load(stock: Path, seed: int, collages: int = COLLAGES) -> ImageSource:
 
 
 def image_source(
-    pictures: Path | None, folder: Path, seed: int, worlds: int, bodies: int = 0
+    pictures: Path | None,
+    folder: Path,
+    seed: int,
+    worlds: int,
+    bodies: int = 0,
+    resume: bool = False,
 ) -> ImageSource:
     """Return what the scenes of a training are made of: its stock, if any, and rendered pictures.
 
     Args:
-        pictures: see `prepare`; the stock is made of them if it is not there yet.
+        pictures: see `prepare`; the stock is made of them.
         folder: of the training.
         seed: of the training.
         worlds: of the simulator, whose views and bodies join the pictures.
         bodies: seen from all sides, half of the simulator's kinds, half of blocks.
+        resume: take the stock as it is, if there is one.
 
     Raises:
         SettingsError: see `prepare`.
     """
     stock = folder / STOCK
-    if pictures is not None and not stock.is_dir():
+    if pictures is not None and not (resume and stock.is_dir()):
         prepare(pictures, stock, seed)
     source = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
     source = source.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
+from follower.training.scenes import image_pool
 from follower.training.scenes.generator import SceneMaker, SceneSettings, write_sequence
-from follower.training.scenes.image_pool import load, prepare, rendered
+from follower.training.scenes.image_pool import COLLAGES, image_source, load, prepare, rendered
 from follower.training.scenes.image_source import (
     Cutout,
     ImageSource,
@@ -219,6 +220,26 @@ def test_pictures_are_made_small_once(tmp_path: Path, monkeypatch: pytest.Monkey
     assert [cutout.size for cutout in pictures.cutouts] == [(128, 85)]
     with pytest.raises(SettingsError, match="no pictures"):
         prepare(tmp_path / "stock", tmp_path / "other", 1, listing)
+
+
+def test_a_training_that_begins_anew_takes_the_pictures_that_are_there_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "train").mkdir()
+    listing = tmp_path / "train" / "pictures.yaml"
+    listing.write_text("photographs: [{files: '*.jpg'}]\ncutouts: [{files: '*.png'}]\n")
+    monkeypatch.setattr(image_pool, "configs_folder", lambda: tmp_path)
+    monkeypatch.setattr(image_pool, "collage", lambda _, stock: stock.photographs[0])
+    given = tmp_path / "pictures"
+    given.mkdir()
+    cv2.imwrite(str(given / "object.png"), np.full((64, 64, 4), 255, np.uint8))
+
+    def photographs(number: int, resume: bool) -> int:
+        cv2.imwrite(str(given / f"{number}.jpg"), np.zeros((64, 64, 3), np.uint8))
+        source = image_source(given, tmp_path / "mine", 1, 0, resume=resume)
+        return len(source.photographs) - COLLAGES
+
+    assert [photographs(1, False), photographs(2, True), photographs(3, False)] == [1, 1, 3]
 
 
 def test_generated_sequences_can_be_evaluated(tmp_path: Path, pictures: ImageSource) -> None:
