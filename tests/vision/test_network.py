@@ -211,6 +211,58 @@ def test_a_device_that_answers_alike_is_used_until_it_fails(
     assert "the device is gone" in said
 
 
+class FailingProvider:
+    """What onnxruntime's session in Python stands before, once its execution provider fails."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def run(self, *_: object) -> None:
+        raise ort_errors.EPFail("the device is gone")
+
+
+@pytest.fixture
+def second_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let onnxruntime itself open the other device: as its processor once more."""
+    real = onnx_network.provider_of
+    monkeypatch.setattr(onnx_network, "provider_of", lambda _: real(onnx_network.CPU))
+
+
+@pytest.mark.usefixtures("second_processor")
+def test_onnxruntime_does_not_go_on_with_another_device_by_itself(
+    averaging_file: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It prints, and what was never compared would answer under the failed device's name."""
+    network = Network(averaging_file, OTHER)
+    assert network.device == OTHER
+    network._accelerated._sess = FailingProvider(network._accelerated._sess)
+    np.testing.assert_array_equal(network.run(np.ones((1, 3, 32, 32), np.float32))[0], 1.0)
+    assert network.device == onnx_network.CPU
+    assert "average.onnx failed on openvino" in caplog.text
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.usefixtures("second_processor")
+def test_a_device_whose_library_does_not_load_gives_way_to_the_processor(
+    averaging_file: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    real, opened = onnxruntime.InferenceSession._create_inference_session, []
+
+    def create(session: Any, *given: object) -> None:
+        opened.append(session)
+        real(session, *given)
+        if len(opened) == 2:
+            raise RuntimeError("its library could not be loaded\nand so on")
+
+    monkeypatch.setattr(onnxruntime.InferenceSession, "_create_inference_session", create)
+    assert Network(averaging_file, OTHER).device == onnx_network.CPU
+    said = "openvino does not start here (its library could not be loaded)"
+    assert caplog.messages == [f"average.onnx runs on the processor: {said}"]
+
+
 def test_a_device_that_answers_otherwise_is_not_used(
     averaging_file: Path,
     other_device: Callable[[float], list[OtherSession]],

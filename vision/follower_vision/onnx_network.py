@@ -70,6 +70,8 @@ _ERRORS: tuple[type[Exception], ...] = tuple(
     one for one in vars(ort_errors).values() if isinstance(one, type) and issubclass(one, Exception)
 )
 """All that onnxruntime raises; which there are depends on its version."""
+_OPENING_ERRORS: tuple[type[Exception], ...] = (RuntimeError, ValueError, *_ERRORS)
+"""The former, too, where a device's library cannot be loaded."""
 _LOGGER = logging.getLogger(__name__)
 _ERRORS_ONLY = 3
 _SAME = 0.01
@@ -160,8 +162,14 @@ def onnx_session(path: Path, content: bytes | None = None, device: str = CPU) ->
         raise ModelError(f"{path}: the onnxruntime that is installed has no {device}")
     providers = [(provider, provider_options(device, path.parent))]
     try:
-        session = onnxruntime.InferenceSession(model, options, providers=providers)
-    except _ERRORS as error:
+        # By itself it would go on elsewhere, which nobody compared, under the same name.
+        session = onnxruntime.InferenceSession(
+            model, options, providers=providers, enable_fallback=0
+        )
+    except _OPENING_ERRORS as error:
+        if device != CPU:
+            reason = f"{device} does not start here ({_first_line(error)})"
+            raise ModelError(f"{path}: {reason}") from error
         raise ModelError(
             f"{path}: not a network that onnxruntime can run ({_first_line(error)}); "
             "fetch it again with `follower models pull NAME` if it is one of ours"
