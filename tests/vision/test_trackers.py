@@ -140,6 +140,17 @@ def test_mil_refuses_boxes_on_which_opencv_would_never_end(box: Box) -> None:
         make_tracker("mil", no_file).start(scene(160, 120), box)
 
 
+def test_a_network_that_opencv_cannot_load_is_told_before_any_target(tmp_path: Path) -> None:
+    cut = (WEIGHTS / "follower-siamese_backbone.onnx").read_bytes()[:200_000]
+    (tmp_path / "cut.onnx").write_bytes(cut)
+    with pytest.raises(
+        ModelError, match=r"OpenCV's nano tracker cannot load .*cut\.onnx"
+    ) as raised:
+        make_tracker("nano", lambda _: tmp_path / "cut.onnx")
+    assert "follower models verify" in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
 def test_opencv_loads_networks_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
     """It warns of each that its engine takes no target, of which nobody has asked for one."""
     level = cv2.utils.logging.getLogLevel()

@@ -11,7 +11,7 @@ import cv2
 
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import check_model
+from follower_vision.onnx_network import ModelError, check_model
 from follower_vision.trackers.motion_tracker import MotionEstimate
 
 _LEAST_MIL_AREA = 25
@@ -68,7 +68,7 @@ class OpenCvTracker:
     """
 
     def __init__(self, name: str, find_file: Callable[[str], Path]) -> None:
-        """Prepare a tracker; OpenCV loads its networks at `start`.
+        """Make a tracker, with its networks loaded.
 
         Args:
             name: a key of `OPENCV_KINDS`.
@@ -76,7 +76,7 @@ class OpenCvTracker:
 
         Raises:
             ValueError: this OpenCV was built without that tracker.
-            ModelError: a network's file is missing.
+            ModelError: a network's file is missing, or OpenCV cannot load it.
         """
         kind = OPENCV_KINDS[name]
         tracker_class = _find_class(kind)
@@ -88,6 +88,7 @@ class OpenCvTracker:
         self._class = tracker_class
         self._files = {part: _existing(find_file(file)) for part, file in kind.files.items()}
         self.name = name
+        self._loaded = self._load() if self._files else None
         self._tracker: Any = None
         self._box: Box | None = None
 
@@ -95,20 +96,31 @@ class OpenCvTracker:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR.
 
         Raises:
-            ValueError: OpenCV refuses the box or a network's file.
+            ValueError: OpenCV refuses the box.
         """
         start = _whole_pixels(box, image)
         if self.name == "mil":
             _check_for_mil(start, image)
+        tracker, self._loaded, self._tracker = self._loaded or self._load(), None, None
+        try:
+            tracker.init(image, start)
+        except (cv2.error, SystemError) as error:
+            raise ValueError(
+                f"OpenCV's {self.name} tracker cannot start: {_said(error)}"
+            ) from error
+        self._tracker, self._box = tracker, box
+
+    def _load(self) -> Any:
+        """Return OpenCV's tracker, not started yet."""
         try:
             with _no_warnings():
-                self._tracker = _create(self._class, self._files)
-            self._tracker.init(image, start)
+                return _create(self._class, self._files)
         except (cv2.error, SystemError) as error:
-            self._tracker = None
-            reason = str(error).splitlines()[0]
-            raise ValueError(f"OpenCV's {self.name} tracker cannot start: {reason}") from error
-        self._box = box
+            files = ", ".join(self._files.values())
+            raise ModelError(
+                f"OpenCV's {self.name} tracker cannot load {files}: {_said(error)}; "
+                "`follower models verify` says which file is wrong"
+            ) from error
 
     def update(self, image: Image) -> MotionEstimate:
         """Find the target in the next image; confidence 0 and the last box where OpenCV does not.
@@ -133,6 +145,10 @@ class OpenCvTracker:
         if not self._files:
             return 1.0
         return min(max(float(self._tracker.getTrackingScore()), 0.0), 1.0)
+
+
+def _said(error: Exception) -> str:
+    return str(error).splitlines()[0]
 
 
 def _find_class(kind: OpenCvKind) -> Any:
