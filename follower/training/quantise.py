@@ -23,7 +23,7 @@ from follower_sim.scoring.ground_truth import GroundTruth
 from follower_sim.world.world import World
 from follower_vision.detection import Detector
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.disk import write_whole, write_whole_bytes
+from follower_vision.disk import can_be_written, write_whole, write_whole_bytes
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
 from follower_vision.evaluation.one_pass import Sequence as ImageSequence
@@ -410,10 +410,12 @@ def reduce_network(
         tell: is told what is being done.
 
     Raises:
-        ModelError: it cannot be reduced.
+        ModelError: it cannot be reduced, or its folder not be written.
         DatasetError: no target can be followed on these sequences.
         OSError: something cannot be read or written.
     """
+    if not can_be_written(network.folder):
+        raise ModelError(f"{network.folder}: cannot be written; reduced networks would go there")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         feeds: Mapping[str, list[Feeds]] = {}

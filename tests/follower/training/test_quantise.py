@@ -234,6 +234,17 @@ def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
         quantise_command(str(tmp_path / "relu.onnx"))
 
 
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+
+    def tell(what: str) -> None:
+        raise AssertionError(what)
+
+    network = find_reducible(DETECTOR, ModelStore(tmp_path / "file" / "models"))
+    with pytest.raises(ModelError, match="file/models: cannot be written"):
+        reduce_network(network, Precision.INT8, tell=tell)
+
+
 def test_unknown_missing_and_unjudgeable_are_each_one_line(tmp_path: Path) -> None:
     for name, said in (
         ("nothing", "there is no network 'nothing'"),
