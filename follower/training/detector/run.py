@@ -65,6 +65,7 @@ def write_detector_card(
 ) -> None:
     """Write NAME.md."""
     settings, side = trainer.settings, trainer.settings.side_px
+    begun_with = trainer.begun_with
     rendered = "scenes of the simulator's own renderer (no photographs)"
     rows = [
         ("input", f"1 x 3 x {side} x {side}, RGB, 0 to 1"),
@@ -74,6 +75,7 @@ def write_detector_card(
             f"{trainer.step_number} steps of {settings.batch} pictures, "
             f"AdamW {settings.learning_rate:g}, seed {config.seed}",
         ),
+        *([("begun with the weights of", f"`{begun_with}`")] if begun_with else []),
         ("mAP@0.5, held out", f"{_rounded(measured.mean)} ({len(trainer.held_out)} pictures)"),
     ]
     classes = ["| class | objects | average precision |", "|---|---|---|"]
@@ -166,7 +168,7 @@ def train_detector(
     if state is not None:
         trainer.restore(state)
     elif begin is not None:
-        trainer.begin_with(begin)
+        trainer.begin_with(begin, str(start))
     train(trainer, config, folder)
     exported = export_detector(trainer, folder / f"{config.name}.onnx")
     measured = trainer.measure(trainer.held_out)

@@ -122,6 +122,9 @@ class DetectorTrainer(Trainer[RegionNetwork]):
         anchors: (A, 2) in cells.
         seed: of the weights and the pictures.
         device: where it computes.
+
+    Attributes:
+        begun_with: the name of the other training whose weights it began with, "" if none.
     """
 
     kind = "detector"
@@ -150,6 +153,7 @@ class DetectorTrainer(Trainer[RegionNetwork]):
         shapes = torch.tensor(self.anchors, dtype=torch.float32, device=device)
         self._loss = RegionLoss(shapes, settings.box_weight, settings.empty_weight)
         self._stream: Iterator[LabelledImage] | None = None
+        self.begun_with = ""
 
     @cached_property
     def held_out(self) -> list[LabelledImage]:
@@ -203,10 +207,20 @@ class DetectorTrainer(Trainer[RegionNetwork]):
             "anchors": self.anchors.tolist(),
             "classes": list(self.class_names),
             "settings": asdict(self.settings),
+            "begun_with": self.begun_with,
         }
 
-    def begin_with(self, state: dict[str, Any]) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Trainer`."""
+        super().restore(state)
+        self.begun_with = str(state.get("begun_with", ""))
+
+    def begin_with(self, state: dict[str, Any], name: str) -> None:
         """Take the weights of another training's state, and nothing else of it.
+
+        Args:
+            state: of the other training.
+            name: by which the model card tells of it.
 
         Raises:
             SettingsError: it belongs to another network.
@@ -214,6 +228,7 @@ class DetectorTrainer(Trainer[RegionNetwork]):
         self.check(state)
         self.network.load_state_dict(state["averaged"])
         self.averaged.load_state_dict(state["averaged"])
+        self.begun_with = name
 
     def check(self, state: dict[str, Any]) -> None:
         """Make sure that a state is of this network and these classes."""

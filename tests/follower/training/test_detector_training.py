@@ -253,7 +253,7 @@ def test_a_training_begun_with_an_exported_network_answers_as_it_does_and_goes_o
     path, held_out = _exported(trained, tmp_path / "squares.onnx"), Squares().held_out(SIDE, 32)
     state = state_of_onnx(path, SMALL, ("red", "blue"), as_tensor(held_out, CPU))
     again = DetectorTrainer(SMALL, Squares(), np.array(state["anchors"]), 7, CPU)
-    again.begin_with(state)
+    again.begin_with(state, "squares.onnx")
     expected = list(trained.answers(held_out))
     np.testing.assert_allclose(list(again.answers(held_out)), expected, atol=1e-3)
     # In training a normalisation takes mean and variance from the batch: it has to fit them, or
@@ -374,7 +374,11 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     begun = ["--set", "name=begun", "--start", str(folder / "mine.onnx"), "--set", sizes]
     output_of(*words, *begun)
     assert OnnxDetector(tmp_path / "begun" / "begun.onnx").class_names == ("red", "blue")
-    assert "that of its pictures" in (tmp_path / "begun" / "begun.md").read_text()
+    begun_card = tmp_path / "begun" / "begun.md"
+    assert "that of its pictures" in begun_card.read_text()
+    output_of("train", "detector", "--resume", str(begun_card.parent))
+    assert f"begun with the weights of | `{folder / 'mine.onnx'}`" in begun_card.read_text()
+    assert "begun with" not in card
     output_of("train", "detector", "--resume", str(folder))
     steps = [row.split(",")[0] for row in (folder / "log.csv").read_text().splitlines()]
     assert steps == ["step", "1", "2", "3", "4", "5"]
