@@ -1,5 +1,7 @@
 """The training loop: steps, measurements on held-out data, the log and the checkpoint."""
 
+from __future__ import annotations
+
 import copy
 import csv
 import io
@@ -170,33 +172,44 @@ def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:
 
     Raises:
         SettingsError: the loss is no number; the checkpoint is that of before.
+        KeyboardInterrupt: Ctrl-C; how the training goes on was said.
     """
     resolved = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     (folder / CONFIG).write_text(resolved, encoding="utf-8")
     log = ProgressLog(
         folder / LOG, ("step", *trainer.figures, trainer.quality), trainer.step_number
     )
-    smooth = 0.0
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, transient=True) as bar:
-        task = bar.add_task("", total=trainer.steps, completed=trainer.step_number)
-        while not trainer.done:
-            figures = trainer.train_step()
-            step, loss = trainer.step_number, figures["loss"]
-            if not math.isfinite(loss):
-                raise SettingsError(
-                    f"{folder}, step {step}: the loss is {loss}: the training has diverged; try a "
-                    "smaller learning rate"
-                )
-            smooth = _SMOOTHED * smooth + (1 - _SMOOTHED) * loss if smooth else loss
-            if step % trainer.plan.validate_every == 0 or trainer.done:
-                quality = figures[trainer.quality] = trainer.validate()
-                words = f"step {step}: loss {smooth:.3f}, {trainer.quality} {quality:.3f}"
-                print_line(bar.console, words)
-            log.add(step, figures)
-            if step % trainer.plan.save_every == 0 or trainer.done:
-                save_checkpoint(folder, trainer.state())
-            bar.update(task, completed=step, description=f"loss {smooth:.3f}")
+        try:
+            _do_steps(trainer, folder, log, bar)
+        except KeyboardInterrupt:
+            if (folder / CHECKPOINT).is_file():
+                again = f"go on from the last checkpoint with --resume {folder}"
+                print_line(bar.console, f"interrupted; {again}")
+            raise
+
+
+def _do_steps(trainer: Trainer[Any], folder: Path, log: ProgressLog, bar: Progress) -> None:
+    smooth = 0.0
+    task = bar.add_task("", total=trainer.steps, completed=trainer.step_number)
+    while not trainer.done:
+        figures = trainer.train_step()
+        step, loss = trainer.step_number, figures["loss"]
+        if not math.isfinite(loss):
+            raise SettingsError(
+                f"{folder}, step {step}: the loss is {loss}: the training has diverged; try a "
+                "smaller learning rate"
+            )
+        smooth = _SMOOTHED * smooth + (1 - _SMOOTHED) * loss if smooth else loss
+        if step % trainer.plan.validate_every == 0 or trainer.done:
+            quality = figures[trainer.quality] = trainer.validate()
+            words = f"step {step}: loss {smooth:.3f}, {trainer.quality} {quality:.3f}"
+            print_line(bar.console, words)
+        log.add(step, figures)
+        if step % trainer.plan.save_every == 0 or trainer.done:
+            save_checkpoint(folder, trainer.state())
+        bar.update(task, completed=step, description=f"loss {smooth:.3f}")
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:

@@ -12,22 +12,37 @@ from follower.training.trainer import Trainer, load_checkpoint, train
 from follower_control.common.strict_config import SettingsError
 
 
-class DivergingTrainer(Trainer[nn.Linear]):
-    """Loses its weights in the step after the third."""
+class EndingTrainer(Trainer[nn.Linear]):
+    """Does nothing, and ends in the fourth step: its loss is no number, or somebody interrupts."""
 
-    kind, figures, quality, largest_gradient = "diverging", ("loss",), "quality", 1.0
+    kind, figures, quality, largest_gradient = "ending", ("loss",), "quality", 1.0
+
+    def __init__(self, loss: float) -> None:
+        super().__init__(nn.Linear(1, 1), TrainingPlan(validate_every=2, save_every=1), steps=10)
+        self._loss = loss
 
     def train_step(self) -> dict[str, float]:
         self.step_number += 1
-        return {"loss": 1.0 if self.step_number <= 3 else math.nan}
+        if self.step_number <= 3:
+            return {"loss": 1.0}
+        if math.isnan(self._loss):
+            return {"loss": self._loss}
+        raise KeyboardInterrupt
 
     def validate(self) -> float:
         return 0.5
 
 
 def test_a_training_that_diverges_ends_and_keeps_its_last_checkpoint(tmp_path: Path) -> None:
-    plan = TrainingPlan(validate_every=2, save_every=1)
-    trainer = DivergingTrainer(nn.Linear(1, 1), plan, steps=10)
     with pytest.raises(SettingsError, match=r"step 4: the loss is nan: .* smaller learning rate"):
-        train(trainer, TrainingConfig(name="one"), tmp_path)
+        train(EndingTrainer(math.nan), TrainingConfig(name="one"), tmp_path)
     assert load_checkpoint(tmp_path, torch.device("cpu"))["step"] == 3
+
+
+def test_an_interrupted_training_says_how_it_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        train(EndingTrainer(1.0), TrainingConfig(name="one"), tmp_path)
+    said = f"interrupted; go on from the last checkpoint with --resume {tmp_path}"
+    assert said in capsys.readouterr().out.splitlines()
