@@ -71,6 +71,25 @@ def test_network_tells_its_inputs_and_computes(averaging_file: Path) -> None:
     np.testing.assert_allclose(network.run(pixels)[0], expected, rtol=1e-5)
 
 
+def test_weights_in_a_file_beside_the_network_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As torch.onnx.export writes them, wherever the program was begun."""
+    ends = [h.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [400]) for name in "ab"]
+    weights = onnx.numpy_helper.from_array(np.arange(400, dtype=np.float32), "w")
+    graph = h.make_graph(
+        [h.make_node("Add", ["a", "w"], ["b"])], "add", ends[:1], ends[1:], [weights]
+    )
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    (tmp_path / "nets").mkdir()
+    path = tmp_path / "nets" / "add.onnx"
+    onnx.save(model, path, save_as_external_data=True, location="add.onnx.data", size_threshold=0)
+    monkeypatch.chdir(tmp_path)
+    for named in (path, Path("nets/add.onnx")):
+        (sums,) = Network(named).run(np.ones(400, np.float32))
+        np.testing.assert_array_equal(sums, np.arange(400) + 1)
+
+
 def test_session_has_one_thread_that_does_not_spin(averaging_file: Path) -> None:
     options = onnx_session(averaging_file).get_session_options()
     assert options.intra_op_num_threads == 1

@@ -74,6 +74,7 @@ _OPENING_ERRORS: tuple[type[Exception], ...] = (RuntimeError, ValueError, *_ERRO
 """The former, too, where a device's library cannot be loaded."""
 _LOGGER = logging.getLogger(__name__)
 _ERRORS_ONLY = 3
+_WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 _SAME = 0.01
 """Of an output's largest value: half-precision numbers err by a tenth of that."""
 _GRAPH, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 11, 12, 13
@@ -144,7 +145,8 @@ def onnx_session(path: Path, content: bytes | None = None, device: str = CPU) ->
     the processor from everybody else.
 
     Args:
-        path: the ONNX file; also the name in error messages.
+        path: the ONNX file; also the name in error messages. Weights in files of their own lie
+            beside it.
         content: the network's bytes, if they are not to be read from `path`.
         device: where it runs; see `device`.
 
@@ -156,6 +158,7 @@ def onnx_session(path: Path, content: bytes | None = None, device: str = CPU) ->
     options.log_severity_level = _ERRORS_ONLY
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.inter_op.allow_spinning", "0")
+    options.add_session_config_entry(_WEIGHTS_FOLDER, str(path.parent))
     model = read_model(path) if content is None else content
     provider = provider_of(device)
     if not provider:
