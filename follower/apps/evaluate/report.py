@@ -350,7 +350,7 @@ def states_table(rows: Sequence[ResultRow]) -> str:
         "TRACKING at IoU 0: share of the frames with the target in which the tracker said TRACKING "
         "beside it. Doubted: share of the right boxes (overlap above 0.5) not called TRACKING. "
         "Returns: the target came back after an absence; losses: the tracker lost it while it was "
-        "there; found after: median time in seconds until a right box is called TRACKING."
+        "there; median: seconds until a right box was called TRACKING; under 0.5 s: share so soon."
     )
     parts = [html.table(head, stated, range(2, len(head))), html.paragraph(remark)]
     unknown = html.paragraph(f"No states are known of {', '.join(silent)}.") if silent else ""
