@@ -18,11 +18,11 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 from threadpoolctl import threadpool_info
 
+from follower.flight.vision.tracker_factory import network_files
 from follower.recording.mcap_writer import FORMAT
 from follower.settings.settings import Settings
 from follower_vision.clock import Clock
 from follower_vision.geometry.camera_model import CameraModel
-from follower_vision.models import ModelStore, default_folder
 from follower_vision.models.download import sha256_of
 from follower_vision.sources.capture import without_password
 
@@ -211,14 +211,11 @@ def epoch_now_ns(clock: Clock) -> int:
 
 
 def model_hashes(settings: Settings) -> dict[str, str]:
-    """Return the SHA-256 of each network's file that the settings use."""
-    store = ModelStore(default_folder())
-    names = {settings.tracker, settings.detector}
-    files = [file for model in store.models if model.name in names for file in model.files]
-    paths = {file.name: store.folder / file.name for file in files}
-    owned = (Path(name) for name in (settings.detector, settings.fusion.model) if name is not None)
-    paths.update({own.name: own for own in owned})
-    return {name: sha256_of(path) for name, path in paths.items() if path.is_file()}
+    """Return the SHA-256 of the networks' files, and of a fitted model of Fusion's, by name."""
+    files = network_files(settings)
+    if settings.fusion.model is not None:
+        files.append(Path(settings.fusion.model))
+    return {path.name: sha256_of(path) for path in files if path.is_file()}
 
 
 def without_secrets(plain: Any) -> Any:

@@ -31,6 +31,7 @@ from follower_control.vehicle.stale_data import StuckSensorDetector
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.detection.detectors import DETECTOR_PLUGINS, EMBEDDED
 from follower_vision.models import ModelStore, default_folder
+from follower_vision.onnx_network import path_of
 
 _STEP_S = 0.02
 _LEAST_S = 3.0
@@ -156,7 +157,8 @@ def model_states(settings: Settings) -> dict[str, str]:
         if name in known:
             states |= {file: str(state) for file, state in store.verify(known[name]).items()}
         elif name is not None and name != settings.tracker and not _is_no_file(name):
-            states[Path(name).name] = "good" if Path(name).is_file() else "missing"
+            path = path_of(name)
+            states[path.name] = "good" if path.is_file() else "missing"
     return states
 
 

@@ -1,5 +1,6 @@
 """Makes the trackers that the settings name."""
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -7,6 +8,7 @@ from follower.settings.settings import Settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detector, make_detector
 from follower_vision.detection.detection_service import DetectionMode
+from follower_vision.detection.detectors import network_file
 from follower_vision.fusion import (
     FusionSettings,
     FusionTracker,
@@ -15,9 +17,10 @@ from follower_vision.fusion import (
     PaperFusion,
 )
 from follower_vision.models import ModelStore, default_folder
+from follower_vision.onnx_network import ModelError
+from follower_vision.trackers import registry
 from follower_vision.trackers.motion_tracker import MotionTracker
 from follower_vision.trackers.opencv import OPENCV_KINDS
-from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.target_tracker import (
     MultiTargetTracker,
     SeparateTrackers,
@@ -90,6 +93,17 @@ def make_settings_detector(settings: Settings) -> Detector | None:
     return make_detector(settings.detector, _store(settings), device=settings.vision.device)
 
 
+def network_files(settings: Settings) -> list[Path]:
+    """Return the networks that the settings' tracker and detector load, but what is missing."""
+    files: list[Path] = []
+    with suppress(ModelError):
+        files += registry.network_files(settings.tracker, _tracker_store(settings).file)
+    with suppress(ModelError):
+        found = settings.detector and network_file(settings.detector, _store(settings))
+        files += [found] if found else []
+    return files
+
+
 def close_tracker(tracker: TargetTracker) -> None:
     """Release the threads of a tracker that has any."""
     if isinstance(tracker, FusionTracker):
@@ -109,9 +123,13 @@ def _close_all(trackers: list[TargetTracker]) -> None:
 
 
 def _motion_tracker(settings: Settings) -> MotionTracker:
+    find_file = _tracker_store(settings).file
+    return registry.make_tracker(settings.tracker, find_file, settings.vision.device)
+
+
+def _tracker_store(settings: Settings) -> ModelStore:
     # OpenCV reads its trackers' files itself, and no reduced ones.
-    store = _store(settings) if settings.tracker not in OPENCV_KINDS else ModelStore(_folder())
-    return make_tracker(settings.tracker, store.file, settings.vision.device)
+    return _store(settings) if settings.tracker not in OPENCV_KINDS else ModelStore(_folder())
 
 
 def _store(settings: Settings) -> ModelStore:

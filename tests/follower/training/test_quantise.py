@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from follower.apps.models import models_app
 from follower.flight.vision.tracker_factory import make_settings_detector
+from follower.recording.config import model_hashes
 from follower.settings.settings import load_settings
 from follower.training import quantise
 from follower.training.quantise import (
@@ -31,6 +32,7 @@ from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.evaluation.metrics import OpeScore
 from follower_vision.evaluation.one_pass import Sequence, read_image
 from follower_vision.models import ModelStore
+from follower_vision.models.download import sha256_of
 from follower_vision.models.store import EMBEDDED_FOLDER
 from follower_vision.onnx_network import ModelError, Network
 from follower_vision.trackers.re3 import Re3Network
@@ -168,6 +170,8 @@ def flown(*overrides: str) -> Path:
 def test_a_flight_takes_the_preferred_network_unless_told_not_to(preferred: Path) -> None:
     original = EMBEDDED_FOLDER / f"{DETECTOR}.onnx"
     assert flown() == preferred
+    settings = load_settings(overrides=[f"detector={DETECTOR}"])
+    assert model_hashes(settings) == {preferred.name: sha256_of(preferred)}
     assert flown("vision.precision=full") == original
     assert ModelStore(preferred.parent).file(f"{DETECTOR}.onnx") == original
     ModelStore(preferred.parent).withhold(original, preferred)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,15 +46,33 @@ def make_detector(name: str, store: ModelStore, device: str = CPU) -> Detector:
         ModelError: there is no such detector, or its file is missing or broken.
         PluginError: another package's detector cannot be used.
     """
-    path, family = path_of(name), None
-    if path.suffix != ".onnx":
-        if name != EMBEDDED and all(model.name != name for model in store.models):
-            return _added(name, store, device)
-        model = _embedded(store) if name == EMBEDDED else store.model(name)
-        if model.purpose is not Purpose.DETECTOR:
-            raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
-        path, family = store.paths(model)[0], model.family
+    if (network := _network(name, store)) is None:
+        return _added(name, store, device)
+    path, family = network
     return OnnxDetector(path, family=family, device=device)
+
+
+def network_file(name: str, store: ModelStore) -> Path | None:
+    """Return the network that `make_detector` loads for a name, None for another package's.
+
+    Raises:
+        ModelError: it is missing, or no detector.
+    """
+    network = _network(name, store)
+    return None if network is None else network[0]
+
+
+def _network(name: str, store: ModelStore) -> tuple[Path, str | None] | None:
+    """Return a detector's file, and its family if the table knows it."""
+    path = path_of(name)
+    if path.suffix == ".onnx":
+        return path, None
+    if name != EMBEDDED and all(model.name != name for model in store.models):
+        return None
+    model = _embedded(store) if name == EMBEDDED else store.model(name)
+    if model.purpose is not Purpose.DETECTOR:
+        raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
+    return store.paths(model)[0], model.family
 
 
 class GuardedDetector:

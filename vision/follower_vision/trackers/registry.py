@@ -27,15 +27,13 @@ _BACKBONE, _HEAD = "_backbone.onnx", "_head.onnx"
 
 
 def _nanotrack(version: int, find_file: FindFile, device: str) -> NanoTracker:
-    backbone, head = (
-        find_file(f"nanotrackv{version}_{part}.onnx") for part in ("backbone", "head")
-    )
-    network, settings = NanoTrackNetwork(backbone, head, device), NANOTRACK_SETTINGS[version]
-    return NanoTracker(network, settings, f"nanotrack-v{version}")
+    name = f"nanotrack-v{version}"
+    backbone, head = network_files(name, find_file)
+    return NanoTracker(NanoTrackNetwork(backbone, head, device), NANOTRACK_SETTINGS[version], name)
 
 
 def _siamese(find_file: FindFile, device: str) -> NanoTracker:
-    backbone, head = (find_file(f"follower-siamese{part}") for part in (_BACKBONE, _HEAD))
+    backbone, head = network_files("siamese", find_file)
     return NanoTracker(NanoTrackNetwork(backbone, head, device), SIAMESE_SETTINGS, "siamese")
 
 
@@ -61,6 +59,35 @@ TRACKERS: dict[str, Callable[[FindFile, str], MotionTracker]] = {
     **{name: partial(_opencv, name) for name in OPENCV_KINDS},
 }
 """How each is made; trackers that have no network ask for no file. Plug-ins come beside them."""
+
+
+_FILES: dict[str, tuple[str, ...]] = {
+    **{
+        f"nanotrack-v{number}": tuple(f"nanotrackv{number}{part}" for part in (_BACKBONE, _HEAD))
+        for number in NANOTRACK_SETTINGS
+    },
+    **dict.fromkeys(
+        ("siamese", "siamese-correlation"),
+        tuple(f"follower-siamese{part}" for part in (_BACKBONE, _HEAD)),
+    ),
+    "re3": (RE3_FILE,),
+    **{name: tuple(kind.files.values()) for name, kind in OPENCV_KINDS.items()},
+}
+"""What each asks for."""
+
+
+def network_files(name: str, find_file: FindFile) -> list[Path]:
+    """Return the networks that `make_tracker` loads for a name; of another package's none is known.
+
+    Raises:
+        ModelError: `find_file` does not find one.
+    """
+    if name.endswith(_HEAD):
+        head = path_of(name)
+        return [head.with_name(head.name.removesuffix(_HEAD) + _BACKBONE), head]
+    if name.endswith(_NETWORK):
+        return [path_of(name)]
+    return [find_file(file) for file in _FILES.get(name, ())]
 
 
 def tracker_names() -> list[str]:
@@ -102,8 +129,8 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
         PluginError: another package's tracker cannot be used.
     """
     if name.endswith(_HEAD):
-        head, stem = path_of(name), Path(name).name.removesuffix(_HEAD)
-        network = NanoTrackNetwork(head.with_name(stem + _BACKBONE), head, device)
+        backbone, head = network_files(name, find_file)
+        network, stem = NanoTrackNetwork(backbone, head, device), head.name.removesuffix(_HEAD)
         return NanoTracker(network, SIAMESE_SETTINGS, stem)
     if name.endswith(_NETWORK):
         return Re3Tracker(Re3Network(path_of(name), device), name=Path(name).stem)

@@ -218,3 +218,7 @@ def test_networks_that_are_missing_or_wrong_are_found(
     own = load_settings(overrides=[f"detector={tmp_path}/own.onnx"])
     assert observation.model_states(own) == {"own.onnx": "missing"}
     assert observation.model_states(load_settings()) == {}
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "mine.onnx").touch()
+    at_home = load_settings(overrides=["detector=~/mine.onnx"])
+    assert observation.model_states(at_home) == {"mine.onnx": "good"}
