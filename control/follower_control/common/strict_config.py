@@ -15,7 +15,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 
 _ODD_NUMBER = re.compile(r"[-+]?0[0-9_]|.*:")
 _NO_SECTION = ("model_type", "dataclass_type", "dict_type", "model_attributes_type")
-_NO_NUMBER = ("float_parsing", "float_type", "int_parsing", "int_type", "int_from_float")
+_NO_NUMBER = ("float_parsing", "float_type", "int_parsing", "int_type")
 _UNITS = {
     "_m": "metres",
     "_s": "seconds",
@@ -181,6 +181,8 @@ def _first_error(model: type[BaseModel], error: ValidationError) -> str:
         return f"unknown key {where!r}{_suggestion(model, first['loc'])}"
     if first["type"] in _NO_NUMBER:
         return _no_number(where, first["input"])
+    if first["type"] == "int_from_float":
+        return f"{where}: {first['input']!r} is no whole number"
     if first["type"] == "missing":
         missing = [_dotted(one["loc"]) for one in errors if one["type"] == "missing"]
         return f"{', '.join(missing)}: missing, and without a default"

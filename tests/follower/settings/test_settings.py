@@ -55,6 +55,7 @@ def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_pat
         ("start: {}\ntargets: []", "this is a scenario; fly it by `follower sim "),
         ("camera: {latency_s: 80}", "latency_s lies between -2 and 2, not 80"),
         ("control_rate_hz: [50]", "is no number; write one alone, in hertz"),
+        ("fusion: {validate_every: 2.5}", "fusion.validate_every: 2.5 is no whole number$"),
         (
             "camera: {fov_deg: 70}\ntracker: corelation",
             "no 'corelation'; there are identity, correlation",
