@@ -338,7 +338,7 @@ def settings_data(
     """
     data: dict[str, Any] = merged({}, base or {})
     overrides = (overrides,) if isinstance(overrides, str) else tuple(overrides)
-    said = " ".join(f"--set {override}" for override in overrides)
+    said = without_password(" ".join(f"--set {override}" for override in overrides))
     source = said or "settings"
     if path is not None:
         source = f"{path} with {said}" if said else str(path)

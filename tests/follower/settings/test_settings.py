@@ -160,6 +160,8 @@ def test_the_camera_s_source_is_used_with_its_password_and_shown_without() -> No
     assert not any(word in settings.to_yaml() for word in ("captain", "cret", "hidden"))
     with pytest.raises(SettingsError, match=r"which source.*camera\.source"):
         VideoInput.camera(None, load_settings().camera)
+    with pytest.raises(SettingsError, match=r"source=rtsp://10.0.0.5/live\?token= --set camera"):
+        load_settings(overrides=[f"camera.source={address}", "camera.fps=15"])
 
 
 @pytest.mark.parametrize(
