@@ -2,12 +2,13 @@
 
 import shutil
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from follower.flight.supervision.flight_end import BY_CTRL_C
 from follower.recording.run_folder import check_goes_on
 from follower.report.flight_page import REPORT
 from follower.simulation.campaign.config import (
@@ -28,6 +29,7 @@ from follower_vision.disk import write_whole
 WORST = "worst"
 CONFIG = "campaign.yaml"
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
+_STOPPED = "Stopped; what is finished is kept, and the same command goes on."
 
 
 def run_campaign(
@@ -64,19 +66,25 @@ def run_campaign(
         try:
             fly_missing(specs, engine, store, console, config.name)
         except KeyboardInterrupt:
-            console.print("Stopped; what is finished is kept, and the same command goes on.")
+            console.print(_STOPPED)
             return _INTERRUPTED
         rows = judged([in_its_place(store.rows[spec.key], spec) for spec in specs], config.goals)
     summary = summary_of(rows, config.goals)
     write_parquet(folder / RESULTS, rows)
-    numbers = [row["number"] for row in summary.worst[:videos]]
     by_number = {spec.number: spec for spec in specs}
-    seen = {number: fly_with_video(by_number[number], folder) for number in numbers}
+    flown = [by_number[row["number"]] for row in summary.worst if not row["error"]]
+    seen: dict[int, str] = {}
+    with suppress(KeyboardInterrupt):
+        for spec in flown[:videos]:
+            seen[spec.number] = fly_with_video(spec, folder)
     write_whole(folder / REPORT, render(config, rows, summary, seen))
     print_summary(summary, folder, console)
     for place in seen.values():
         print_line(console, f"  {folder / place / REPORT}")
-    if videos and not seen:
+    if len(seen) < len(flown[:videos]):
+        console.print(_STOPPED)
+        return _INTERRUPTED
+    if videos and not summary.worst:
         print_line(console, "No run failed: none was flown again with video.")
     return _SUCCESS if summary.reached else _FAILED
 
@@ -124,12 +132,18 @@ def judged(rows: Sequence[dict[str, Any]], goals: Goals) -> list[dict[str, Any]]
 
 
 def fly_with_video(spec: RunSpec, folder: Path) -> str:
-    """Fly a run again with video and report; return the folder of both, seen from `folder`."""
+    """Fly a run again with video and report; return the folder of both, seen from `folder`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C ended the flight; nothing of it is left.
+    """
     place = folder / WORST / f"{spec.number:04d}"
     shutil.rmtree(place, ignore_errors=True)
-    simulate(spec.options(out=place, record=False))
-    (flown,) = place.iterdir()
-    return flown.relative_to(folder).as_posix()
+    flown = simulate(spec.options(out=place, record=False))
+    if flown.end is BY_CTRL_C:
+        shutil.rmtree(place)
+        raise KeyboardInterrupt
+    return flown.folder.relative_to(folder).as_posix()
 
 
 def print_summary(summary: CampaignSummary, folder: Path, console: Console) -> None:

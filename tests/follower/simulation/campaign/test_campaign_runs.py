@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,11 +18,13 @@ from program import FOLLOWER, MAIN
 from rich.console import Console
 from waiting import until
 
+from follower.flight.supervision.flight_end import BY_CTRL_C, SUCCEEDED, FlightEnd
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
 from follower.simulation.campaign.fly import fly_run, fly_runs
 from follower.simulation.campaign.optimise import optimise
 from follower.simulation.campaign.run import fly_missing, run_campaign
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows
+from follower.simulation.options import SimulationOptions
 from follower.simulation.run import simulate
 from follower.workers import DaskEngine, Engine, LocalEngine
 from follower_control.common.strict_config import SettingsError
@@ -291,6 +294,55 @@ def test_where_no_run_failed_none_is_flown_again_and_the_end_says_so(
     run_campaign(load_campaign(config(tmp_path, goals)), tmp_path / "out", LocalEngine(1), videos=2)
     assert "No run failed: none was flown again with video." in capsys.readouterr().out
     assert not (tmp_path / "out" / "worst").exists()
+
+
+class Filming:
+    """In place of `simulate`: leaves a folder, and ends as it is told."""
+
+    def __init__(self, end: FlightEnd = SUCCEEDED) -> None:
+        self._end = end
+        self.folders: list[Path] = []
+
+    def __call__(self, options: SimulationOptions) -> Any:
+        folder = options.out / options.scenario
+        folder.mkdir(parents=True)
+        self.folders.append(folder)
+        return SimpleNamespace(end=self._end, folder=folder)
+
+
+def failing(spec: RunSpec) -> dict[str, Any]:
+    """Return the row of a run that misses a goal; of the first run, that it cannot be flown."""
+    if spec.number == 0:
+        raise ValueError("no such gain")
+    known = {"number": spec.number, "scenario": spec.scenario, "autopilot": spec.autopilot}
+    angle = 9.0 + spec.number
+    row = {**same_angle(spec), **known, "line_of_sight_box_rms_seen_deg": angle, "version": "1"}
+    return row | {"values": dict(spec.values)}
+
+
+def test_only_runs_that_could_be_flown_are_filmed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr("follower.simulation.campaign.run.simulate", film := Filming())
+    out = tmp_path / "out"
+    assert run_campaign(load_campaign(config(tmp_path)), out, Pretending(failing), videos=1) == 1
+    assert film.folders == [out / "worst/0002/pursue-person"]
+    page = (out / "report.html").read_text("utf-8")
+    assert "worst/0002/pursue-person/overlay.mp4" in page
+    assert "no such gain" in page
+
+
+def test_ctrl_c_while_it_films_ends_the_campaign_with_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr("follower.simulation.campaign.run.simulate", film := Filming(BY_CTRL_C))
+    out = tmp_path / "out"
+    assert run_campaign(load_campaign(config(tmp_path)), out, Pretending(failing), videos=2) == 130
+    assert [folder.exists() for folder in film.folders] == [False]
+    assert "overlay.mp4" not in (out / "report.html").read_text("utf-8")
+    assert capsys.readouterr().out.rstrip().endswith("the same command goes on.")
 
 
 def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) -> None:
