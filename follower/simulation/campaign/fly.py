@@ -7,16 +7,21 @@ from importlib.metadata import version
 from typing import Any
 
 import cv2
+from rich.console import Console
 
 from follower.simulation.campaign.config import RunSpec
 from follower.simulation.campaign.metrics import figures_of
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
+from follower.ui.terminal.console import print_line
 from follower.workers import Engine
 from follower_control.common.transport import MemoryTransport
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
+
+INTERRUPTED = 130
+STOPPED = "Stopped; what is finished is kept, and the same command goes on."
 
 
 def fly_runs(engine: Engine, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
@@ -58,3 +63,10 @@ def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
         "version": version("drone-target-follower"),
         "error": error,
     }
+
+
+def print_errors(errors: Sequence[str], runs: int, console: Console) -> None:
+    """Say how many of the runs could not be flown, and why the first one; nothing if all could."""
+    if errors:
+        text = f"{len(errors)} of {runs} runs could not be flown, the first one: {errors[0]}"
+        print_line(console, text, "bold red")

@@ -1,6 +1,7 @@
 """Searches settings with a smaller cost, by Optuna, over the campaign's own runs."""
 
 import json
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -17,7 +18,7 @@ from follower.simulation.campaign.config import (
     RunSpec,
     significant,
 )
-from follower.simulation.campaign.fly import fly_runs
+from follower.simulation.campaign.fly import INTERRUPTED, STOPPED, fly_runs, print_errors
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.store import RunStore
 from follower.simulation.campaign.summary import cost
@@ -28,7 +29,7 @@ from follower_vision.disk import write_whole
 
 BEST = "best.yaml"
 TRIALS = "trials.json"
-_INTERRUPTED = 130
+_SUCCESS, _FAILED = 0, 1
 _NOT_FLOWN = 20.0
 
 
@@ -65,29 +66,34 @@ def optimise(
     if wanted is None:
         raise SettingsError("--optimise: the campaign's file has no section `optimise`")
     flown = specs[: wanted.runs_per_trial]
-    study = _study(flown[0], wanted)
+    study, ranges = _study(flown[0], wanted)
     trials: list[Trial] = []
+    rows: list[dict[str, Any]] = []
     stopped = suppress(KeyboardInterrupt)
     shown = job_progress(console, config.name, wanted.trials, things="trials")
     with stopped, shown as count_one:
         for _ in range(wanted.trials):
-            asked = study.ask()
-            values = {key: significant(asked.suggest_float(key, *wanted.settings[key]))
-                      for key in wanted.settings}  # fmt: skip
-            trials.append(Trial(_mean_cost(flown, values, engine, store), values))
+            asked = study.ask(ranges)
+            values = {key: significant(value) if isinstance(value, float) else value
+                      for key, value in asked.params.items()}  # fmt: skip
+            tried = _flown(flown, values, engine, store)
+            rows += tried
+            trials.append(Trial(_mean_cost(tried), values))
             study.tell(asked, trials[-1].cost)
             count_one()
     if trials:
         _write(trials, folder, {} if config.config is None else read_mapping(config.config))
         _say(trials, folder, console)
+    errors = [row["error"] for row in rows if row["error"]]
+    print_errors(errors, len(rows), console)
     if len(trials) == wanted.trials:
-        return 0
-    console.print("Stopped; what is finished is kept, and the same command goes on.")
-    return _INTERRUPTED
+        return _FAILED if errors else _SUCCESS
+    console.print(STOPPED)
+    return INTERRUPTED
 
 
-def _study(run: RunSpec, wanted: OptimiseSettings) -> Any:
-    """Return a study whose first trial is what there is now.
+def _study(run: RunSpec, wanted: OptimiseSettings) -> tuple[Any, dict[str, Any]]:
+    """Return a study whose first trial is what there is now, and what is tried of each setting.
 
     Raises:
         SettingsError: what there is now lies outside of what is to be tried.
@@ -98,15 +104,24 @@ def _study(run: RunSpec, wanted: OptimiseSettings) -> Any:
     study = optuna.create_study(sampler=sampler)
     _, now = run.options().resolve()
     first = {key: present(now, key) for key in wanted.settings}
+    ranges = {}
     for key, (low, high) in wanted.settings.items():
         if not low <= first[key] <= high:
-            raise SettingsError(f"optimise.settings: {key} is {first[key]:g}, outside its range")
+            raise SettingsError(
+                f"optimise.settings: {key} is {first[key]:g}, which is not between {low:g} and "
+                f"{high:g}"
+            )
+        ranges[key] = (
+            optuna.distributions.IntDistribution(math.ceil(low), math.floor(high))
+            if isinstance(first[key], int)
+            else optuna.distributions.FloatDistribution(low, high)
+        )
     study.enqueue_trial(first)
-    return study
+    return study, ranges
 
 
-def present(settings: Settings, key: str) -> float:
-    """Return the number that a setting has now.
+def present(settings: Settings, key: str) -> float | int:
+    """Return the number that a setting has now, an int if it is always whole.
 
     Raises:
         SettingsError: there is no such setting, or it is no number.
@@ -116,17 +131,21 @@ def present(settings: Settings, key: str) -> float:
         value = getattr(value, part, None)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise SettingsError(f"optimise.settings: {key!r} is no setting with a number")
-    return float(value)
+    return value
 
 
-def _mean_cost(
+def _flown(
     specs: Sequence[RunSpec], values: dict[str, float], engine: Engine, store: RunStore
-) -> float:
+) -> list[dict[str, Any]]:
+    """Return the runs' rows with these values; what was flown so before is not flown again."""
     changes = tuple(f"{key}={value}" for key, value in values.items())
     tried = [replace(spec, overrides=(*spec.overrides, *changes)) for spec in specs]
     for row in fly_runs(engine, [spec for spec in tried if not store.has(spec.key)]):
         store.add(row)
-    rows = [store.rows[spec.key] for spec in tried]
+    return [store.rows[spec.key] for spec in tried]
+
+
+def _mean_cost(rows: Sequence[dict[str, Any]]) -> float:
     costs = [_NOT_FLOWN if row["error"] else cost(RunMetrics.from_dict(row)) for row in rows]
     return sum(costs) / len(costs)
 

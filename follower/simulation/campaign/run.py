@@ -17,7 +17,7 @@ from follower.simulation.campaign.config import (
     RunSpec,
     planned,
 )
-from follower.simulation.campaign.fly import fly_runs
+from follower.simulation.campaign.fly import INTERRUPTED, STOPPED, fly_runs, print_errors
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.store import RESULTS, ROWS, RunStore, write_parquet
 from follower.simulation.campaign.summary import CampaignSummary, summary_of
@@ -28,8 +28,7 @@ from follower_vision.disk import write_whole
 
 WORST = "worst"
 CONFIG = "campaign.yaml"
-_SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
-_STOPPED = "Stopped; what is finished is kept, and the same command goes on."
+_SUCCESS, _FAILED = 0, 1
 
 
 def run_campaign(
@@ -66,8 +65,8 @@ def run_campaign(
         try:
             fly_missing(specs, engine, store, console, config.name)
         except KeyboardInterrupt:
-            console.print(_STOPPED)
-            return _INTERRUPTED
+            console.print(STOPPED)
+            return INTERRUPTED
         rows = judged([in_its_place(store.rows[spec.key], spec) for spec in specs], config.goals)
     summary = summary_of(rows, config.goals)
     write_parquet(folder / RESULTS, rows)
@@ -82,8 +81,8 @@ def run_campaign(
     for place in seen.values():
         print_line(console, f"  {folder / place / REPORT}")
     if len(seen) < len(flown[:videos]):
-        console.print(_STOPPED)
-        return _INTERRUPTED
+        console.print(STOPPED)
+        return INTERRUPTED
     if videos and not summary.worst:
         print_line(console, "No run failed: none was flown again with video.")
     return _SUCCESS if summary.reached else _FAILED
@@ -152,9 +151,7 @@ def print_summary(summary: CampaignSummary, folder: Path, console: Console) -> N
         style = "green" if line.met else "bold red"
         wanted = f", wanted {line.wanted}: [{style}]{line.verdict}[/]" if line.counts else ""
         console.print(f"{line.name}: {line.value}{wanted}", highlight=False, soft_wrap=True)
-    if summary.errors:
-        error = next(str(row["error"]) for row in summary.worst if row["error"])
-        text = f"{summary.errors} of {summary.runs} runs could not be flown, the first one: {error}"
-        print_line(console, text, "bold red")
+    errors = [row["error"] for row in summary.worst if row["error"]]
+    print_errors(errors, summary.runs, console)
     for name in (REPORT, RESULTS):
         print_line(console, f"  {folder / name}")

@@ -394,6 +394,35 @@ def test_a_search_flies_again_what_could_not_be_flown_or_lacks_a_figure(tmp_path
     assert trial["cost"] < 20
 
 
+def test_a_search_tries_whole_numbers_where_a_setting_is_one(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    more = "optimise: {trials: 4, settings: {fusion.validate_every: [1.5, 9.5]}}\n"
+    campaign, out = load_campaign(config(tmp_path, more)), tmp_path / "out"
+
+    def resolved(spec: RunSpec) -> dict[str, Any]:
+        spec.options().resolve()
+        return same_angle(spec)
+
+    with RunStore(out) as store:
+        quiet = Console(quiet=True)
+        assert optimise(campaign, planned(campaign), Pretending(resolved), store, out, quiet) == 0
+    tried = {one["fusion.validate_every"] for one in json.loads((out / "trials.json").read_text())}
+    assert len(tried) > 1
+    assert tried <= set(range(2, 10))
+
+
+def test_a_search_says_that_runs_could_not_be_flown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("optuna")
+    more = "optimise: {trials: 2, runs_per_trial: 2, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
+    code = run_campaign(
+        load_campaign(config(tmp_path, more)), tmp_path / "out", Pretending(failing), searching=True
+    )
+    assert code == 1
+    assert "2 of 4 runs could not be flown, the first one: ValueError" in capsys.readouterr().out
+
+
 ROW: dict[str, Any] = {
     "error": "",
     "time_to_acquire_s": 0.5,
