@@ -102,15 +102,15 @@ def write_parquet(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
     )
     columns = {name: pa.array([row.get(name) for row in rows], kinds[kind])
                for name, kind in _COLUMNS.items()}  # fmt: skip
-    for name in dict.fromkeys(name for row in rows for name in row["values"]):
-        columns[f"p_{name}"] = pa.array(_alike([row["values"].get(name) for row in rows]))
+    for name in rows[0]["values"]:
+        columns[f"p_{name}"] = pa.array(_alike([row["values"][name] for row in rows]))
     content = pa.BufferOutputStream()
     pq.write_table(pa.table(columns), content)
     return write_whole_bytes(path, content.getvalue().to_pybytes())
 
 
 def _alike(values: Sequence[Any]) -> list[Any]:
-    """Return numbers as they are, and anything else as text."""
-    is_number = all(isinstance(one, int | float) or one is None for one in values)
-    kind = float if is_number else str
-    return [None if one is None else kind(one) for one in values]
+    """Return truths and numbers as they are, and anything else, or both, as text."""
+    kinds = {type(one) for one in values}
+    kind = bool if kinds == {bool} else float if kinds <= {int, float} else str
+    return [kind(one) for one in values]

@@ -266,6 +266,21 @@ def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
     assert table["failures"] == [[], ["re-acquisition"], ["error"]]
 
 
+@pytest.mark.parametrize(
+    ("values", "kept"),
+    [((True, False), [True, False]), ((1, 2.5), [1.0, 2.5]), ((True, 2.5), ["True", "2.5"])],
+)
+def test_a_parameter_keeps_its_kind_in_the_results(
+    tmp_path: Path, values: tuple[Any, Any], kept: list[Any]
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    rows = [{**row(number), "values": {"x": one}} for number, one in enumerate(values)]
+    path = write_parquet(tmp_path / "results.parquet", judged(rows, Goals()))
+    column = pq.read_table(path)["p_x"].to_pylist()
+    assert column == kept
+    assert [type(one) for one in column] == [type(one) for one in kept]
+
+
 def test_results_have_the_same_columns_of_the_same_types_whatever_was_flown(
     tmp_path: Path,
 ) -> None:
