@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from follower.simulation.fault_tests.random_flight import STEP_S, FlightResult
 from follower.simulation.faults.judge import FaultVerdict
+from follower.ui.terminal.console import counted
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
 
@@ -137,14 +138,23 @@ class Tally:
 
     @classmethod
     def load(cls, path: Path, seed: int | None = None) -> Tally:
-        """Read it, or begin anew if there is none or it is not of this seed; None takes any.
+        """Read it, or begin anew if there is none.
+
+        Args:
+            path: of the JSON file.
+            seed: whose flights are to be added; None takes those of any.
 
         Raises:
-            SettingsError: the file holds something else.
+            SettingsError: the file holds something else, or flights of another seed.
             OSError: it cannot be read.
         """
-        if path.exists():
-            tally = _read(path, TypeAdapter(cls))
-            if seed in (None, tally.seed):
-                return tally
-        return cls(seed=seed or 0)
+        if not path.exists():
+            return cls(seed=seed or 0)
+        tally = _read(path, TypeAdapter(cls))
+        if seed not in (None, tally.seed):
+            kept = counted(tally.flights, "flight")
+            raise SettingsError(
+                f"{path}: {kept} of seed {tally.seed} are kept there: go on with --seed "
+                f"{tally.seed}, or give another --out"
+            )
+        return tally
