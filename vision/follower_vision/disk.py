@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 _DRAFT_NAME = 60
@@ -35,7 +36,8 @@ def write_whole_bytes(path: Path, content: bytes) -> Path:
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink()
     return path
 
 

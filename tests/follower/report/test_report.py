@@ -259,6 +259,13 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_file_beside_no_files_is_named_in_the_error(tmp_path: Path) -> None:
+    path = write_whole(tmp_path / "notes", "no folder") / "report.html"
+    with pytest.raises(NotADirectoryError) as caught:
+        write_whole(path, "half of it")
+    assert caught.value.filename == str(path)
+
+
 def test_two_files_that_are_written_at_once_have_a_draft_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
