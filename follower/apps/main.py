@@ -411,11 +411,13 @@ def main() -> NoReturn:
 
 
 def _said(error: Exception) -> str:
-    """Return an error in one line; if there is no room, with the file and what is still free."""
+    """Return an error in one line; a file's with its name, and what is free if there is no room."""
     from follower_vision.disk import failure_said, is_no_room
 
-    if isinstance(error, OSError) and is_no_room(error) and error.filename:
-        return failure_said(error, Path(error.filename))
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        if is_no_room(error):
+            return failure_said(error, Path(error.filename))
+        return f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
 

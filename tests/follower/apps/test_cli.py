@@ -72,6 +72,7 @@ def moving_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["sim", "demo", "--set", "camera.fov_deg=4000"], "fov_deg lies between 4 and 179"),
         (["sim", "demo", "--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["settings", "--set", "servo.distance_m=near"], "servo.distance_m"),
+        (["calibrate", "--board", "{broken}/a.pdf"], "^follower: .*/a.pdf: Not a directory$"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_leaves_nothing(
