@@ -65,7 +65,8 @@ def install(
     }
     # Or the service would fail every five seconds.
     settings = load_settings(config)
-    VideoInput.camera(camera, settings.camera)
+    video = VideoInput.camera(camera, settings.camera)
+    _check_files(settings, video.name)
     _check_selection(select, settings, models)
     check_connection(connect)
     files = {root / path: text for path, text in files.items() if text}
@@ -108,6 +109,27 @@ def _models_folder(user: str) -> Path:
     except KeyError:
         raise SettingsError(f"--user {user}: there is no such user") from None
     return default_folder({"XDG_CACHE_HOME": f"{home}/.cache", **os.environ})
+
+
+def _check_files(settings: Settings, camera: str) -> None:
+    """Refuse files that are named from the present folder: the service runs in another one.
+
+    Raises:
+        SettingsError: says which.
+    """
+    named = {
+        "detector": settings.detector,
+        "fusion.model": settings.fusion.model,
+        "link.signing_key_file": settings.link.signing_key_file,
+        "cockpit.token_file": settings.cockpit.token_file,
+        "camera.source": camera,
+    }
+    for key, name in named.items():
+        if name is not None and Path(name).is_file() and not Path(name).is_absolute():
+            raise SettingsError(
+                f"{key}: write {Path(name).resolve()}, not {name}: the service runs in another "
+                "folder"
+            )
 
 
 def _check_selection(select: str, settings: Settings, models: Path) -> None:

@@ -140,6 +140,8 @@ def test_a_link_over_the_network_needs_no_rule(install: Install, tmp_path: Path)
         (("--select", ""), "write a class, person:2, or 2"),
         (("--select", "person:0"), "write a class, person:2, or 2"),
         (("-c", "embedded.yaml", "--select", "persn"), "did you mean 'person'?"),
+        (("-c", "own.yaml"), "link.signing_key_file: write /"),
+        (("--camera", "stream.sdp"), "stream.sdp, not stream.sdp: the service runs in another"),
     ],
 )
 def test_what_cannot_be_used_is_told_in_one_line(
@@ -148,6 +150,9 @@ def test_what_cannot_be_used_is_told_in_one_line(
     (tmp_path / "with space.yaml").touch()
     (tmp_path / "mistyped.yaml").write_text("servo: {distanc_m: 9}\n", "utf-8")
     (tmp_path / "embedded.yaml").write_text("detector: embedded\n", "utf-8")
+    (tmp_path / "own.yaml").write_text("link: {signing_key_file: key}\n", "utf-8")
+    for name in ("key", "stream.sdp"):
+        (tmp_path / name).touch()
     ended = install(*arguments)
     assert ended.code == 2
     assert said in ended.err
