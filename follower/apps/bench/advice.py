@@ -82,13 +82,15 @@ def advise(result: BenchResult) -> Advice:
     best = max(holding or rows, key=_preference if holding else lambda row: row.rate_hz)
     camera_hz = result.rate_hz if holding else max(1.0, best.rate_hz / (1 + MARGIN) // 1)
     head = f"{_said(best, result.validate_every)} holds {best.rate_hz:.0f} frames/s here"
-    spare = f"{MARGIN:.0%} to spare"
     if holding:
-        first = f"{head}: use it with a camera of {camera_hz:g} frames/s, which leaves {spare}."
+        first = (
+            f"{head}: use it with a camera of {camera_hz:g} frames/s, which leaves "
+            f"{best.rate_hz / camera_hz - 1:.0%} to spare."
+        )
     else:
         first = (
-            f"Nothing measured holds {result.rate_hz:g} frames/s with {spare}. {head}, the most of "
-            f"all: set the camera to {camera_hz:g} frames/s."
+            f"Nothing measured holds {result.rate_hz:g} frames/s with {MARGIN:.0%} to spare. "
+            f"{head}, the most of all: set the camera to {camera_hz:g} frames/s."
         )
     return Advice(best, camera_hz, (first, *_remarks(result, best)))
 

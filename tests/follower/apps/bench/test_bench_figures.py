@@ -39,6 +39,8 @@ def test_fusion_at_the_largest_size_that_holds_the_rate_with_the_margin_is_advis
     )
     assert (advice.row.name, advice.row.size) == ("nanotrack-v3 + yolox-nano", "1280x720")
     assert advice.camera_hz == 30
+    slower = advise(result(row(*FUSED, 640, 40.0), rate_hz=10.0))
+    assert slower.lines[0].endswith("a camera of 10 frames/s, which leaves 300% to spare.")
     assert advice.lines[0] == (
         "Fusion (nanotrack-v3 with yolox-nano every 4th frame) at 1280x720 on cpu holds 38 "
         "frames/s here: use it with a camera of 30 frames/s, which leaves 25% to spare."
