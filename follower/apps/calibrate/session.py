@@ -25,7 +25,7 @@ from follower.apps.calibrate.solve import (
 from follower.apps.calibrate.views import BoardView, ViewCollection
 from follower.settings.settings import load_settings, settings_data
 from follower.ui.terminal.console import print_line
-from follower.ui.terminal.interrupt import StopOnInterrupt
+from follower.ui.terminal.interrupt import StopOnInterrupt, run_watched
 from follower_control.common.strict_config import SettingsError, merged
 from follower_vision.disk import write_whole, write_whole_bytes
 from follower_vision.geometry.camera_model import CameraModel
@@ -255,31 +255,45 @@ def _collect(
     console: Console,
 ) -> None:
     """Go through the images until they end, there are enough views, or Ctrl-C."""
-    stopped = StopOnInterrupt()
-    with open_source(source, capture=capture) as frames, stopped:
+    with open_source(source, capture=capture) as frames:
         if is_live(source):
-            console.print("Ctrl-C ends it and computes the lens.")
-            with Live(console=console, auto_refresh=False) as live:
-                for frame in _now_and_then(frames, every_s, stopped):
-                    live.update(shown(views, views.add(frame.image) is not None), refresh=True)
-                    if is_enough(views):
-                        return
+            _watch(views, frames, every_s, console)
             return
         columns = (TextColumn("looking for the board"), BarColumn(), MofNCompleteColumn())
         bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        with bar:
+        with bar, StopOnInterrupt() as stopped:
             task = bar.add_task("", total=frames.frame_count)
-            for frame in _now_and_then(frames, 0.0 if Path(source).is_dir() else every_s, stopped):
+            for frame in _now_and_then(frames, 0.0 if Path(source).is_dir() else every_s):
                 views.add(frame.image)
                 bar.update(task, completed=frame.sequence + 1)
+                if stopped.interrupted:
+                    break
         if frames.problem:
             print_line(console, f"{source}: {frames.problem}")
 
 
-def _now_and_then(source: FrameSource, every_s: float, stopped: StopOnInterrupt) -> Iterator[Frame]:
+def _watch(views: ViewCollection, camera: FrameSource, every_s: float, console: Console) -> None:
+    """Look at a camera's frames; while none come, say why."""
+    console.print("Ctrl-C ends it and computes the lens.")
+    with Live(console=console, auto_refresh=False) as live:
+
+        def look() -> None:
+            for frame in _now_and_then(camera, every_s):
+                live.update(shown(views, views.add(frame.image) is not None), refresh=True)
+                if is_enough(views):
+                    return
+
+        def say_problem() -> None:
+            if camera.problem:
+                live.update(Text(camera.problem, style="red"), refresh=True)
+
+        run_watched(look, say_problem, camera.close)
+
+
+def _now_and_then(source: FrameSource, every_s: float) -> Iterator[Frame]:
     """Yield a frame each `every_s` of the source's time."""
     due_s = -math.inf
-    while not stopped.interrupted and (frame := source.read()) is not None:
+    while (frame := source.read()) is not None:
         if frame.captured_s >= due_s:
             due_s = frame.captured_s + every_s
             yield frame

@@ -3,6 +3,8 @@
 import io
 import os
 import re
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from follower.apps.main import app
 from follower.settings.settings import CameraSettings, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.camera_model import CameraModel
-from follower_vision.images.frame import Image
+from follower_vision.images.frame import Frame, Image
+from follower_vision.sources.open import ImageFolder
 
 Pose = tuple[float, float, float, float, float, float]
 Render = Callable[[Board, CameraModel, Pose], Image]
@@ -104,6 +107,35 @@ def test_a_camera_is_watched_until_there_are_views_enough(
     console.print(seen[len(seen) // 2])
     assert "the board is in view; next: show it at the" in console.export_text(clear=False)
     keep_terminal(console, "follower calibrate 0", "calibrating")
+
+
+class FallsSilent(ImageFolder):
+    """A camera whose last picture is followed by a Ctrl-C instead of another one."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._closed = threading.Event()
+
+    def read(self) -> Frame | None:
+        frame = super().read()
+        if frame is None:
+            os.kill(os.getpid(), signal.SIGINT)
+            assert self._closed.wait(30), "Ctrl-C leaves it waiting for a picture"
+        return frame
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+@pytest.mark.slow
+def test_ctrl_c_computes_the_lens_also_while_the_camera_is_silent(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "open_source", lambda *_, **__: FallsSilent(photos))
+    monkeypatch.setattr(session, "is_live", lambda _: True)
+    code, said = run("0", "--out", tmp_path / "camera.yaml", "--every-s", 0)
+    assert code == 0
+    assert "has the lens" in said
 
 
 def test_what_is_there_is_not_overwritten(photos: Path, tmp_path: Path) -> None:
