@@ -52,7 +52,8 @@ def calibrate_command(
     source: Annotated[
         str | None,
         typer.Argument(
-            help="A camera (0 or /dev/video0), a stream, a video file or a folder of images."
+            help="A camera (0 or /dev/video0), a stream, a video file or a folder of images; "
+            "`camera.source` of the settings by default."
         ),
     ] = None,
     board: Annotated[
@@ -106,6 +107,7 @@ def calibrate_command(
     """
     from follower.apps.calibrate.board import write_board
     from follower.apps.calibrate.session import run
+    from follower.settings.settings import load_settings
 
     chosen = _board(kind, squares, square_mm)
     if board is not None:
@@ -117,6 +119,7 @@ def calibrate_command(
             raise SettingsError(str(error)) from None
         typer.echo(f"{board}: {size}. Print it at 100 %, and measure a square afterwards.")
         return
+    source = source or load_settings(config).camera.source
     if source is None:
         raise SettingsError("which source? give a camera, a video or a folder; or --board OUT.PDF")
     raise typer.Exit(run(source, chosen, out, config, every_s))

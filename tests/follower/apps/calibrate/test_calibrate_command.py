@@ -23,6 +23,7 @@ from follower.settings.settings import CameraSettings, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.images.frame import Frame, Image
+from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.open import ImageFolder
 
 Pose = tuple[float, float, float, float, float, float]
@@ -142,6 +143,13 @@ def test_what_is_there_is_not_overwritten(photos: Path, tmp_path: Path) -> None:
     (tmp_path / "camera.png").write_text("mine")
     with pytest.raises(SettingsError, match=r"camera\.png exists already"):
         run(photos, "--out", tmp_path / "camera.yaml")
+
+
+def test_the_settings_name_the_camera_where_the_command_does_not(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("camera: {source: /dev/video99}\n")
+    with pytest.raises(SourceError, match="/dev/video99: there is no such device"):
+        run("-c", mine, "--out", tmp_path / "camera.yaml")
 
 
 def test_images_without_the_board_say_so(tmp_path: Path) -> None:
