@@ -4,6 +4,7 @@ import threading
 import time
 from itertools import pairwise
 
+import av
 import numpy as np
 import pytest
 from video_sender import sending
@@ -178,6 +179,30 @@ def test_a_port_that_there_cannot_be_is_refused_at_once(address):
     with pytest.raises(SourceError, match="a port is a number from 1 to 65535") as refused:
         open_source(address, live=LiveSettings(first_frame_s=0.2))
     assert "a:b" not in str(refused.value)
+
+
+@pytest.mark.parametrize("address", ["udp://0.0.0.0", "tcp://camera/live", "UDP://a:b@camera"])
+def test_a_port_that_is_missing_is_asked_for_at_once(address):
+    with pytest.raises(SourceError, match="a port is missing, as in udp://") as refused:
+        open_source(address, live=LiveSettings(first_frame_s=0.2))
+    assert "a:b" not in str(refused.value)
+
+
+@pytest.mark.slow
+def test_an_address_in_capitals_is_the_same_one(free_port):
+    port = free_port()
+    with sending_udp(port), open_source(f"UDP://127.0.0.1:{port}", live=QUICK) as source:
+        assert source.read() is not None
+
+
+def test_a_protocol_that_ffmpeg_lacks_is_told(monkeypatch):
+    def lacks(*_, **__):
+        raise av.error.ProtocolNotFoundError(1, "Protocol not found")
+
+    monkeypatch.setattr(av, "open", lacks)  # SRT, in the FFmpeg that comes with PyAV
+    settings = LiveSettings(first_frame_s=0.5, retry_s=0.05)
+    with pytest.raises(SourceError, match=r"srt://10.0.0.5:9: the FFmpeg .* does not speak"):
+        open_source("srt://10.0.0.5:9", live=settings)
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,7 @@ _CODECS = {"h264": "H264", "h265": "H265"}
 """Their names in a session description."""
 _RTP = re.compile(r"rtp://(?P<host>[\w.-]+):(?P<port>\d{1,5})(/(?P<codec>h264|h265))?/?")
 _PORT = re.compile(r"\w+://[^/?#]*:(\d+)(?:[/?#]|$)")
+_NEED_PORT = ("udp://", "tcp://", "srt://")
 _OLDEST_S = 10.0
 """A V4L2 stamp that is older is not of the monotonic clock."""
 
@@ -155,6 +156,8 @@ class VideoStream:
                 timeout=(_OPEN_S, _SILENCE_S),
                 hwaccel=decoder.hwaccel,
             )
+        except av.error.ProtocolNotFoundError as error:
+            raise self._error("the FFmpeg that is installed does not speak this") from error
         except (av.error.FFmpegError, OSError) as error:
             raise self._error(f"no stream ({_reason(error)}); is it sending?") from error
         if not self._container.streams.video:
@@ -304,8 +307,15 @@ def _asked(capture: CaptureSettings) -> Iterator[tuple[str, int, float]]:
 
 
 def check_port(address: str) -> None:
-    """Raise SourceError if an address names a port that there cannot be: FFmpeg would wait."""
+    """Raise SourceError if an address lacks a port, or names one that there cannot be.
+
+    FFmpeg would wait.
+    """
     port = _PORT.match(address)
+    if port is None and address.startswith(_NEED_PORT):
+        raise SourceError(
+            f"{without_password(address)}: a port is missing, as in {_NEED_PORT[0]}0.0.0.0:5600"
+        )
     if port is not None and not 0 < int(port[1]) <= 65535:
         raise SourceError(f"{without_password(address)}: a port is a number from 1 to 65535")
 

@@ -227,6 +227,8 @@ def _connector(spec: str, clock: Clock, capture: CaptureSettings) -> Callable[[]
             raise SourceError(
                 f"{without_password(spec)}: leave camera.capture.{name} out, it is the sender's"
             )
+    if scheme := _ADDRESS.match(spec):  # FFmpeg knows protocols by small letters alone
+        spec = scheme[0].lower() + spec[scheme.end() :]
     check_port(spec)
     decoder = Decoder(capture.decoder)
     if kind in PROGRAMS:
