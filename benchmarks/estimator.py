@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--campaign", default="standard", help="name or file")
     parser.add_argument("--first", type=int, default=0, help="number of the first run")
     parser.add_argument("--runs", type=command_line.count, default=20, help="how many")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--jobs", type=command_line.count, default=2, help="processes")
     options = parser.parse_args()
     campaign = load_campaign(options.campaign).model_copy(update={"vision": "truth+noise"})
     specs = list(planned(campaign))[options.first : options.first + options.runs]

@@ -88,7 +88,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--label", default="", help="is put behind the names, as +appearance")
     parser.add_argument("--compare", nargs=2, help="two that were measured before")
     parser.add_argument("--out", type=Path, default=Path("runs/fusion_cv"))
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--jobs", type=command_line.count, default=2, help="processes")
     return parser.parse_args()
 
 

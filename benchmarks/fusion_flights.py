@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="takes a file for each flight")
     parser.add_argument("--first", type=int, default=300, help="number of the first run")
     parser.add_argument("--count", type=command_line.count, default=24, help="how many runs")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--jobs", type=command_line.count, default=2, help="processes")
     parser.add_argument("--set", action="append", default=[], help="a setting of the follower")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -307,7 +307,7 @@ def main() -> None:
     parser = command_line.parser(__doc__)
     parser.add_argument("--campaign", default="standard", help="name or file")
     parser.add_argument("--runs", type=command_line.count, default=24, help="how many of its runs")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--jobs", type=command_line.count, default=2, help="processes")
     parser.add_argument(
         "--out", type=Path, default=Path("runs/limit"), help="folder of the figures"
     )

@@ -40,7 +40,9 @@ def main() -> None:
     """Measure and print."""
     parser = command_line.parser(__doc__)
     parser.add_argument("--flights", type=int, default=200, help="for the memory")
-    parser.add_argument("--queued", type=int, nargs="*", default=[10, 100, 1000], help="for Dask")
+    parser.add_argument(
+        "--queued", type=command_line.count, nargs="*", default=[10, 100, 1000], help="for Dask"
+    )
     options = parser.parse_args()
     most = max([options.flights, *options.queued])
     specs = [

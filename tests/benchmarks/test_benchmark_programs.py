@@ -47,6 +47,8 @@ def test_help_says_what_a_benchmark_is_for(
         ("mode_pictures", ("none",), "none: there is no such folder; a flight is a folder"),
         ("estimator", ("--first", "1000"), "standard has no run 1000"),
         ("control_jitter", ("0",), "invalid positive value: '0'"),
+        ("limit", ("--jobs", "0"), "invalid count value: '0'"),
+        ("many_flights", ("--queued", "0"), "invalid count value: '0'"),
     ],
 )
 def test_what_a_benchmark_cannot_use_is_said_in_one_line(
