@@ -317,7 +317,7 @@ def planned(config: CampaignConfig) -> list[RunSpec]:
     count = _count(config)
     if count > _MOST_RUNS:
         raise SettingsError(f"these are {count:,} runs; a campaign has at most {_MOST_RUNS:,}")
-    contents = {one: _contents(config, one) for one in config.scenarios}
+    contents = {one: contents_of(one, config.config) for one in config.scenarios}
     specs = _combined(config) if config.runs is None else _drawn(config, config.runs)
     return [replace(spec, contents=contents[spec.scenario]) for spec in specs]
 
@@ -330,12 +330,16 @@ def _count(config: CampaignConfig) -> int:
     return kinds * math.prod(choices) * config.repeats
 
 
-def _contents(config: CampaignConfig, scenario: str) -> str:
-    """Return a digest of a scenario's and the settings' text: changed, they fly otherwise."""
+def contents_of(scenario: str, config: Path | str | None) -> str:
+    """Return a digest of a scenario's and the settings' text: changed, they fly otherwise.
+
+    Raises:
+        SettingsError: a file cannot be read.
+    """
     digest = hashlib.sha256()
-    for path in (find_scenario(scenario), config.config):
+    for path in (find_scenario(scenario), config):
         try:
-            digest.update(b"" if path is None else hashlib.sha256(path.read_bytes()).digest())
+            digest.update(b"" if path is None else hashlib.sha256(Path(path).read_bytes()).digest())
         except OSError as error:
             raise SettingsError(f"{path}: it cannot be read: {error.strerror}") from error
     return digest.hexdigest()[:16]

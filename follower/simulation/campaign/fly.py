@@ -9,13 +9,14 @@ from typing import Any
 import cv2
 from rich.console import Console
 
-from follower.simulation.campaign.config import RunSpec
+from follower.simulation.campaign.config import RunSpec, contents_of
 from follower.simulation.campaign.metrics import figures_of
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
 from follower.ui.terminal.console import print_line
 from follower.workers import Engine
+from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
@@ -34,8 +35,12 @@ def fly_run(spec: RunSpec) -> dict[str, Any]:
     """Fly a run on this thread alone, and return its row: what it was, what came of it.
 
     Raises:
-        SettingsError: the scenario or a setting cannot be used.
+        SettingsError: the scenario or a setting cannot be used, or the files are not those that
+            were planned with: edited meanwhile, or others on this computer.
     """
+    if spec.contents not in ("", contents_of(spec.scenario, spec.config)):
+        files = " or ".join(filter(None, (spec.scenario, spec.config)))
+        raise SettingsError(f"{files} is not what it was when the campaign began; begin it again")
     cv2.setNumThreads(1)
     begin_s = time.perf_counter()
     options = spec.options()

@@ -19,6 +19,7 @@ from rich.console import Console
 from waiting import until
 
 from follower.flight.supervision.flight_end import BY_CTRL_C, SUCCEEDED, FlightEnd
+from follower.settings.settings import find_scenario
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
 from follower.simulation.campaign.fly import fly_run, fly_runs
 from follower.simulation.campaign.optimise import optimise
@@ -234,6 +235,19 @@ def test_a_run_that_cannot_be_flown_has_a_row_that_says_why(specs: list[RunSpec]
     (row,) = fly_runs(engine, [replace(specs[0], overrides=("servo.distance_m=-1",))])
     engine.close()
     assert row["error"].startswith("SettingsError: --set servo.distance_m=-1")
+
+
+def test_a_scenario_that_is_edited_while_a_campaign_flies_is_flown_no_further(
+    tmp_path: Path,
+) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_bytes(find_scenario("pursue-person").read_bytes())
+    file = Path(config(tmp_path))
+    file.write_text(file.read_text("utf-8").replace("[pursue-person]", "[own.yaml]"), "utf-8")
+    specs = planned(load_campaign(str(file)))
+    own.write_text(own.read_text("utf-8") + "# edited\n", "utf-8")
+    (row,) = fly_runs(Engine(), specs[:1])
+    assert "own.yaml is not what it was when the campaign began" in row["error"]
 
 
 def test_the_command_of_a_row_gives_its_score(
