@@ -4,7 +4,7 @@ import fcntl
 import json
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,8 @@ class RunStore(AbstractContextManager["RunStore"]):
             self._file.write(b"\n")
 
     def __exit__(self, *_error: object) -> None:
-        self._file.close()
+        with suppress(OSError):  # of a row for which there was no room, as `add` has said
+            self._file.close()
 
     def has(self, key: str) -> bool:
         """Whether a run was flown and has every figure; its row may be from before one was."""
@@ -51,11 +52,18 @@ class RunStore(AbstractContextManager["RunStore"]):
         return not row["error"] and set(RunMetrics.__dataclass_fields__) <= set(row)
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Keep a run's row; one of the same key takes the last one's place."""
+        """Keep a run's row; one of the same key takes the last one's place.
+
+        Raises:
+            OSError: it cannot be written; `filename` is the file's.
+        """
         line = json.dumps(row, allow_nan=False, separators=(",", ":")) + "\n"
-        self._file.write(line.encode("utf-8"))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        try:
+            self._file.write(line.encode("utf-8"))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise type(error)(error.errno, error.strerror, str(self.path)) from None
         self.rows[str(row["key"])] = dict(row)
 
 

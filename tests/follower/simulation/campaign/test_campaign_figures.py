@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import resource
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -118,6 +119,26 @@ def test_a_row_is_on_the_disk_when_it_was_added(tmp_path: Path) -> None:
     with RunStore(tmp_path) as store:
         store.add(row(1))
         assert json.loads((tmp_path / ROWS).read_text("utf-8")) == row(1)
+
+
+def test_a_row_without_room_is_told_with_its_file_and_costs_no_other(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fly_two() -> None:
+        with RunStore(tmp_path) as store:
+            store.add(row(1))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+            store.add(row(2))
+
+    try:
+        with pytest.raises(OSError, match="too large") as caught:
+            fly_two()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.filename == str(tmp_path / ROWS)
+    with RunStore(tmp_path) as store:
+        store.add(row(3))
+        assert set(read_rows(store.path)) == {str(row(1)["key"]), str(row(3)["key"])}
 
 
 def test_two_campaigns_do_not_write_into_one_folder(tmp_path: Path) -> None:
