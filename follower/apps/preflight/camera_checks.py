@@ -259,11 +259,11 @@ class CameraWatch(ClosesItself):
 
     def reading(self) -> CameraReading:
         """Return what was seen in the last three seconds."""
-        newest, problem = self._newest, self._source.problem or ""
+        problem = self._source.problem or ""
+        with self._lock:
+            newest, captured_s, ages_s = self._newest, [*self._captured_s], [*self._ages_s]
         if newest is None:
             return CameraReading(self._name, problem)
-        with self._lock:
-            captured_s, ages_s = tuple(self._captured_s), tuple(self._ages_s)
         # The gap that has not ended yet counts, too: a camera that has died has no next frame.
         ended_s = max(captured_s[-1], self._clock.now() - ages_s[-1])
         intervals = np.diff(captured_s)
@@ -291,10 +291,10 @@ class CameraWatch(ClosesItself):
 
     def _take(self, frame: Frame) -> None:
         before, self._sample = self._sample, frame.image[::_EVERY_NTH_PIXEL, ::_EVERY_NTH_PIXEL]
-        self._newest = frame
         self._count += 1
         self._repeats += np.array_equal(before, self._sample)
         with self._lock:
+            self._newest = frame
             self._ages_s.append(self._clock.now() - frame.captured_s)
             self._captured_s.append(frame.captured_s)
             while self._captured_s[0] < frame.captured_s - _WINDOW_S:

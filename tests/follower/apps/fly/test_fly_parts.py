@@ -249,6 +249,22 @@ def test_a_camera_is_measured_and_an_early_gap_forgiven() -> None:
     assert camera.reading().worst_interval_s == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_camera_is_read_while_its_first_frame_is_being_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, equal, seen = SimulatedClock(), np.array_equal, list[int]()
+    watch = CameraWatch(Ticking(clock, [1.0, 2.0]), "a test", clock)
+
+    def asked_meanwhile(one: np.ndarray, other: np.ndarray) -> bool:
+        seen.append(watch.reading().frames)
+        return equal(one, other)
+
+    monkeypatch.setattr(np, "array_equal", asked_meanwhile)
+    with watch:
+        assert watch.frames.wait(10.0) is not None
+    assert seen[0] == 0
+
+
 class Slow(Pictures):
     """Takes its time for each frame, and knows whether one is being taken."""
 
