@@ -47,7 +47,9 @@ Names = Annotated[
     list[str] | None,
     typer.Argument(help="Faults of the catalogue, all by default; **list** shows them."),
 ]
-Autopilot = Annotated[str, typer.Option(metavar="px4|ardupilot|both")]
+Autopilot = Annotated[
+    str, typer.Option(metavar="px4|ardupilot|both", help="Which one is simulated.")
+]
 LinkKind = Annotated[
     str,
     typer.Option(

@@ -149,6 +149,17 @@ def test_the_help_begins_with_the_demo_and_says_what_each_command_is_for() -> No
     assert [name for name, one in commands.items() if not one.rich_help_panel] == []
 
 
+def silent(command: Any, name: str = "follower") -> Iterator[str]:
+    """Yield the options and arguments that say nothing of what they are for."""
+    yield from (f"{name} {one.name}" for one in command.params if not one.help)
+    for one, below in getattr(command, "commands", {}).items():
+        yield from silent(below, f"{name} {one}")
+
+
+def test_the_help_says_what_each_option_is_for() -> None:
+    assert list(silent(GROUP)) == []
+
+
 def test_the_help_of_trax_shows_a_file_line_by_line() -> None:
     said = CliRunner().invoke(app, ["trax", "--help"]).output
     lines = [line.strip() for line in said.splitlines()]
