@@ -98,6 +98,8 @@ def faults_command(
     if names == ["list"]:
         list_faults(console)
         return
+    if names and (random or only is not None):
+        raise SettingsError(f"{names[0]}: random flights draw faults of their own; give no names")
     if only is not None:
         raise typer.Exit(_FAILED if _fly_one(console, seed, only) else 0)
     from follower.workers import engine_for

@@ -214,6 +214,12 @@ def test_a_fault_that_is_asked_for_and_cannot_be_flown_is_no_success(
         faults_command([name], out=tmp_path, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("how", [{"random": 3}, {"only": 0}])
+def test_names_beside_random_flights_are_refused(tmp_path: Path, how: dict[str, int]) -> None:
+    with pytest.raises(SettingsError, match="frames-black: random flights draw faults"):
+        faults_command(["frames-black"], out=tmp_path, **how)  # type: ignore[arg-type]
+
+
 def test_a_fault_begins_by_state_or_time_and_ends() -> None:
     by_state = FaultSchedule([PlannedFault.of(fault_named("link-down-0.2s"))])
     by_state.observe(1.0, SupervisorState.READY, 50.0)
