@@ -121,7 +121,8 @@ class DaskEngine(Engine):
         longest_s: a worker that has a job for longer is ended.
 
     Raises:
-        SettingsError: no scheduler answers there, or no worker is there.
+        SettingsError: no scheduler answers there, no worker is there, or one does several jobs at a
+            time in its process, where a job that hangs could not be told from the others.
     """
 
     def __init__(self, address: str, longest_s: float = LONGEST_S) -> None:
@@ -136,11 +137,12 @@ class DaskEngine(Engine):
                 f"--dask {address}: no scheduler answers ({describe_error(error)}); start one "
                 "with `dask scheduler`"
             ) from None
-        if not self._client.nthreads():
+        threads = self._client.nthreads().values()
+        if not threads or max(threads) > 1:
             self._client.close()
+            what = "a worker has several threads" if threads else "it has no workers"
             raise SettingsError(
-                f"--dask {address}: it has no workers; start some with "
-                f"`dask worker {address} --nthreads 1`"
+                f"--dask {address}: {what}; start them with `dask worker {address} --nthreads 1`"
             )
 
     def run(

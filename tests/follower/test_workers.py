@@ -129,6 +129,28 @@ def test_a_scheduler_that_goes_away_is_named() -> None:
             next(done)
 
 
+@pytest.mark.parametrize(
+    ("workers", "said"), [(0, "it has no workers"), (1, "a worker has several threads")]
+)
+def test_a_cluster_that_cannot_do_jobs_one_a_process_is_refused(workers: int, said: str) -> None:
+    """Of two jobs in one process, one that hangs was never ended."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=2,
+            processes=False,
+            protocol="tcp",
+            dashboard_address=":0",
+            host="127.0.0.1",
+        ) as cluster,
+        pytest.raises(
+            SettingsError, match=rf"{said}; start them with `dask worker tcp://\S+ --nth"
+        ),
+    ):
+        DaskEngine(cluster.scheduler_address)
+
+
 @pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Ctrl-C raises: whoever is begun in the background of a shell ignores it."""
