@@ -176,11 +176,17 @@ def _unit(user: str, config: Path, models: Path) -> str:
 
 
 def _rules(connect: str, sysfs: Path = Path("/sys")) -> str:
-    """Return a udev rule that gives a serial port to dialout and keeps ModemManager off; or ""."""
+    """Return a udev rule that gives a serial port to dialout and keeps ModemManager off; or "".
+
+    Raises:
+        SettingsError: the port is named by a link that is not there now.
+    """
     match = _SERIAL.match(connect)
     if match is None:
         return ""
     port = Path(match[1]).resolve().name
+    if not (port.startswith("tty") or Path(match[1]).exists()):  # udev knows the kernel's names
+        raise SettingsError(f"{match[1]}: plug it in, so that a rule can be written for its port")
     which = f'KERNEL=="{port}"'
     for usb in (sysfs / "class/tty" / port / "device").resolve().parents:
         if (usb / "idVendor").is_file():  # ttyACM0 may be another port's name tomorrow

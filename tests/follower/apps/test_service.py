@@ -137,6 +137,7 @@ def test_a_link_over_the_network_needs_no_rule(install: Install, tmp_path: Path)
         (("--camera", ""), "which source? give a camera (0)"),
         (("-c", "mistyped.yaml"), "did you mean 'distance_m'"),
         (("--connect", "udpin:here"), "'udpin:here' is no connection"),
+        (("--connect", "/dev/serial/by-id/usb-absent-if00:57600"), "absent-if00: plug it in, so"),
         (("--select", ""), "write a class, person:2, or 2"),
         (("--select", "person:0"), "write a class, person:2, or 2"),
         (("-c", "embedded.yaml", "--select", "persn"), "did you mean 'person'?"),
