@@ -335,11 +335,15 @@ def trackers() -> None:
 
 def settings(config: Config = None, overrides: Overrides = None) -> None:
     """Print all settings as they resolve, each with what it means, as YAML to copy and edit."""
+    from follower.apps.command_settings import lens_is_given
     from follower.settings.field_docs import explained_yaml
     from follower.settings.settings import load_settings
 
     resolved = load_settings(config, overrides=overrides or ())
-    typer.echo(explained_yaml(resolved, resolved.to_yaml()), nl=False)
+    text = explained_yaml(resolved, resolved.to_yaml())
+    if not lens_is_given(config, overrides):  # in a file, the default would pass for the user's
+        text = text.replace("\n  fov_deg:", "\n  # fov_deg:")
+    typer.echo(text, nl=False)
 
 
 _COMMANDS: dict[str, tuple[tuple[str, str | None, Callable[..., None]], ...]] = {

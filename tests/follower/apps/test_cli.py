@@ -21,9 +21,11 @@ from program import FOLLOWER, MAIN
 from small_scenario import small_scenario
 from typer.testing import CliRunner
 
+from follower.apps.command_settings import lens_is_given
 from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE, app
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
 from follower.recording import open_flight
+from follower.settings.settings import load_settings
 from follower.simulation.options import SimulationOptions
 from follower_vision.sources.open import open_source
 
@@ -188,6 +190,18 @@ def test_scenarios_and_settings_are_listed(run_command: RunCommand) -> None:
     assert "demo" in run_command("--help").out
     version = subprocess.run([*FOLLOWER, "--version"], capture_output=True, text=True, check=True)
     assert version.stdout.startswith("follower 0.")
+
+
+def test_a_copy_of_all_settings_describes_no_lens_that_was_not_given(
+    run_command: RunCommand, tmp_path: Path
+) -> None:
+    """Preflight wants the lens from the user; the default field of view is nobody's."""
+    copied = tmp_path / "all.yaml"
+    copied.write_text(run_command("settings").out, "utf-8")
+    assert not lens_is_given(copied)
+    assert load_settings(copied) == load_settings()
+    copied.write_text(run_command("settings", "--set", "camera.fov_deg=70").out, "utf-8")
+    assert lens_is_given(copied)
 
 
 @pytest.mark.slow
