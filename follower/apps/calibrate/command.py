@@ -175,9 +175,16 @@ class _LensByDefault(TyperGroup):
     default = "lens"
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        if not args or args[0] not in (*self.commands, "--help"):
+        undecided = ctx.resilient_parsing and not args  # a shell completes the first word
+        if not undecided and (not args or args[0] not in (*self.commands, "--help")):
             args = [self.default, *args]
         return super().parse_args(ctx, args)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        default = self.commands[self.default].shell_complete(ctx, incomplete)
+        names = {one.value for one in default}
+        own = super().shell_complete(ctx, incomplete)
+        return [*default, *(one for one in own if one.value not in names)]
 
 
 calibrate_app = typer.Typer(

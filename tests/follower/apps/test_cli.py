@@ -248,13 +248,24 @@ def count_frames(path: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("typed", "offered"), [("doc", "doctor"), ("prefl", "preflight")])
-def test_a_shell_completes_commands(typed: str, offered: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("doc", "doctor"),
+        ("prefl", "preflight"),
+        ("calibrate la", "latency"),
+        ("calibrate --bo", "--board"),
+        ("calibrate 0 --bo", "--board"),
+        ("calibrate latency --sec", "--seconds"),
+    ],
+)
+def test_a_shell_completes_commands_and_options(typed: str, offered: str, tmp_path: Path) -> None:
     asked = {"_FOLLOWER_COMPLETE": "complete_bash", "COMP_WORDS": f"follower {typed}"}
+    asked["COMP_CWORD"] = str(len(typed.split()))
     code = f"import sys; sys.argv = ['follower']; {MAIN}"
     completed = subprocess.run(
         [sys.executable, "-c", code],
-        env={**os.environ, **asked, "COMP_CWORD": "1", "HOME": str(tmp_path)},
+        env={**os.environ, **asked, "HOME": str(tmp_path)},
         capture_output=True,
         text=True,
         check=False,
