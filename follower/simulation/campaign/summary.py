@@ -170,7 +170,8 @@ def _followed(figures: Sequence[RunMetrics]) -> GoalLine:
     good = sum(one.approach_s is not None for one in figures)
     count = len(figures)
     value = share_text(good, count)
-    return GoalLine("Target acquired and approached", value, "100 %", good == count)
+    met = count > 0 and good == count
+    return GoalLine("Target acquired and approached", value, "100 %", met)
 
 
 def _in_frame(figures: Sequence[RunMetrics], goals: Goals) -> GoalLine:
@@ -226,7 +227,7 @@ def _line_of_sight(
 
 def _none_of(name: str, broken: Sequence[bool], counts: bool = True) -> GoalLine:
     value = f"{sum(broken)} of {len(broken)} runs"
-    return GoalLine(name, value, "none", not any(broken), counts)
+    return GoalLine(name, value, "none", len(broken) > 0 and not any(broken), counts)
 
 
 def _badness(row: dict[str, Any]) -> tuple[float, ...]:

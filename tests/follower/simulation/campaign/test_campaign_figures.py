@@ -239,6 +239,11 @@ def test_goals_are_pooled_over_the_runs() -> None:
     assert not summary.reached
 
 
+def test_where_no_run_could_be_flown_no_goal_is_met() -> None:
+    summary = summary_of(judged([row(0, error="it broke")], Goals()), Goals())
+    assert {line.verdict for line in summary.goals} == {"not met"}
+
+
 def test_where_no_run_failed_the_report_says_so() -> None:
     summary = summary_of(judged([], Goals()), Goals())
     said = worst_table(summary, {})
