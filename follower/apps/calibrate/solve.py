@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower.apps.calibrate.views import BoardView
+from follower.apps.calibrate.views import BoardView, spread
 from follower.apps.preflight.camera_checks import folds
 from follower_vision.geometry.camera_model import CameraModel
 
@@ -94,6 +94,8 @@ class LensCalibration:
 def calibrate(views: Sequence[BoardView], size: tuple[int, int]) -> LensCalibration:
     """Return the lens with which the views agree best (Zhang, 2000), without outliers.
 
+    Of many views those that differ most are taken.
+
     Raises:
         CalibrationError: there are too few views, they are too much alike, or do not agree.
     """
@@ -103,7 +105,7 @@ def calibrate(views: Sequence[BoardView], size: tuple[int, int]) -> LensCalibrat
             "to 25 are good. Show it in all parts of the image, near and far, and tilted to each "
             "side"
         )
-    kept = list(views)
+    views = kept = spread(views)
     fit = _fit(kept, size)
     while len(good := _inliers(fit)) < len(kept):
         if len(good) < LEAST_VIEWS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -123,7 +124,7 @@ class ViewCollection:
 
     @property
     def full(self) -> bool:
-        """Whether no more are wanted."""
+        """Whether there are as many as are computed with."""
         return len(self.views) >= MOST_VIEWS
 
     def add(self, image: Image) -> SeenBoard | None:
@@ -150,12 +151,24 @@ class ViewCollection:
         return seen
 
     def _keep(self, view: BoardView, image: Image) -> None:
-        if self.full or not all(view.differs_from(other) for other in self.views):
+        if not all(view.differs_from(other) for other in self.views):
             self.known += 1
             return
         self.views.append(view)
         if view.pose[2] > self._largest:
             self._largest, self.sample = view.pose[2], image.copy()
+
+
+def spread(views: Sequence[BoardView]) -> list[BoardView]:
+    """Return at most `MOST_VIEWS` of them, those that differ most, in their order."""
+    poses = np.array([view.pose for view in views]).reshape(-1, 5)
+    poses[:, 2] = np.log(poses[:, 2])
+    poses /= (_NEW_PLACE, _NEW_PLACE, _NEW_SIZE, _NEW_TILT, _NEW_TILT)
+    chosen, away = list[int](), np.full(len(views), math.inf)
+    while len(chosen) < min(MOST_VIEWS, len(views)):
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(poses - poses[chosen[-1]], axis=1))
+    return [views[number] for number in sorted(chosen)]
 
 
 def pose_of(seen: SeenBoard, size: tuple[int, int]) -> tuple[float, float, float, float, float]:

@@ -98,6 +98,20 @@ def test_the_same_view_again_is_not_kept(lens: CameraModel, render: Render) -> N
         calibrate(views.views, SIZE)
 
 
+@pytest.mark.slow
+def test_of_many_views_those_are_taken_that_differ_most_not_the_first(
+    lens: CameraModel, render: Render, poses: list[Pose], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A video that begins with the board in one corner shows it elsewhere later."""
+    monkeypatch.setattr("follower.apps.calibrate.views.MOST_VIEWS", 11)
+    tilts = [(x, y) for x in (-30, 0, 30) for y in (-30, -15, 15, 30)]
+    corner: list[Pose] = [(-0.15, -0.1, 0.5, *tilt, 0.0) for tilt in tilts]
+    views = collected(Board(), (render(Board(), lens, pose) for pose in (*corner, *poses)))
+    found = calibrate(views.views, SIZE)
+    assert len(found.views) + len(found.dropped) == 11
+    assert found.lens.fx == pytest.approx(lens.fx, rel=0.01)
+
+
 def test_images_of_another_size_are_refused() -> None:
     views = collected(Board(), [np.full((480, 640, 3), 90, np.uint8)])
     with pytest.raises(ValueError, match=r"image 2 has 320 x 240 pixels, .* it 640 x 480: a"):
