@@ -184,9 +184,9 @@ def _warnings(fit: LensCalibration, coverage: Coverage) -> list[str]:
     said = []
     if coverage.share < _GOOD_COVERAGE:
         missing = ", ".join(coverage.missing())
+        where = f"at the {missing}" if missing else "elsewhere"
         said.append(
-            f"the board was in {coverage.share:.0%} of the image: the distortion is a guess at the "
-            f"{missing}"
+            f"the board was in {coverage.share:.0%} of the image: the distortion is a guess {where}"
         )
     if fit.error_px > _GOOD_ERROR_PX:
         said.append(

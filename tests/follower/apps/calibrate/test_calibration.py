@@ -9,7 +9,7 @@ import pytest
 
 from follower.apps.calibrate.board import Board, SeenBoard
 from follower.apps.calibrate.session import advice, counts_line, is_enough
-from follower.apps.calibrate.solve import CalibrationError, Coverage, calibrate
+from follower.apps.calibrate.solve import CalibrationError, Coverage, _warnings, calibrate
 from follower.apps.calibrate.views import MOST_VIEWS, BoardView, ViewCollection, blur_px, pose_of
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.images.frame import Image
@@ -153,6 +153,17 @@ def test_coverage_names_what_is_missing(lens: CameraModel, poses: list[Pose]) ->
     assert "top left" not in coverage.missing()
     assert "bottom right" in coverage.missing()
     assert Coverage(made_up(lens, poses), SIZE).share > 0.6
+
+
+def test_gaps_that_are_spread_over_the_image_are_warned_of_too(
+    lens: CameraModel, poses: list[Pose]
+) -> None:
+    found = calibrate(made_up(lens, poses), SIZE)
+    coverage = Coverage((), SIZE)
+    coverage.counts[:] = 9 * (np.indices(coverage.counts.shape).sum(0) % 2)  # as a chessboard
+    assert coverage.missing() == []
+    (warning,) = _warnings(found, coverage)
+    assert warning == "the board was in 50% of the image: the distortion is a guess elsewhere"
 
 
 def test_what_is_shown_next_follows_from_what_is_missing(
