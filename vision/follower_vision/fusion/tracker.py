@@ -102,9 +102,10 @@ class FusionTracker:
     """Follows one target through look-alikes, occlusion and absence; see `TargetTracker`.
 
     A track's confidence is P(IoU > 0.5), and its state follows from it. Its box is the mean of the
-    candidates that agree with the chosen one, see `agreed_box`. `produced_by` is the chosen one's
-    source ("peak", "detection", "mean"), or why the target was not observed: "prediction",
-    "frozen", "blank", or "ambiguous": what looks like it may be a known look-alike.
+    candidates that agree with the chosen one, see `agreed_box`; where control foretells the target,
+    the chosen one's own. `produced_by` is the chosen one's source ("peak", "detection", "mean"), or
+    why the target was not observed: "prediction", "frozen", "blank", or "ambiguous": what looks
+    like it may be a known look-alike.
 
     Args:
         motion: searches each frame.
@@ -320,8 +321,11 @@ class FusionTracker:
         if candidates[chosen].source == PREDICTION:
             target.coast(PREDICTION)
         else:
-            agreed = agreed_box(boxes[:-1], probabilities[:-1].sum(axis=1), chosen)
-            target.observe(replace(candidates[chosen], box=agreed), probability)
+            winner = candidates[chosen]
+            if target.foreseen is None:  # the model for flights was fitted to what was chosen alone
+                agreed = agreed_box(boxes[:-1], probabilities[:-1].sum(axis=1), chosen)
+                winner = replace(winner, box=agreed)
+            target.observe(winner, probability)
         rivalled = (alone[:-1, 1] >= SEEN) & (probabilities[:-1, 1] < SEEN)
         if target.state is not TrackState.TRACKING and rivalled.any():
             target.doubt(AMBIGUOUS)
