@@ -310,6 +310,23 @@ def test_a_lost_target_is_expected_where_control_says(fusion: Trackers, motion: 
 
 
 @pytest.mark.parametrize("in_flight", [False, True])
+def test_on_video_the_box_is_the_mean_of_those_that_agree(
+    tracker: FusionTracker, motion: ToldMotion, in_flight: bool
+) -> None:
+    """In a flight it is the chosen one's; what is searched for next follows that one in both."""
+    beside = BOX.moved_to(BOX.cx + 0.4 * BOX.width, BOX.cy)
+    tracker.expect(foreseen(BOX) if in_flight else None)
+    (track,) = follow(tracker, motion, [[(BOX, 1.0), (beside, 0.9)]])
+    assert track.state is TrackState.TRACKING
+    if in_flight:
+        assert track.box == BOX
+    else:
+        assert BOX.cx + 0.5 < track.box.cx < beside.cx - 0.5
+    follow(tracker, motion, [[(BOX, 1.0)]], 2)
+    assert motion.searched[-1].cx == pytest.approx(BOX.cx, abs=0.5)
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
 def test_in_a_flight_a_lost_target_is_followed_from_the_second_frame_that_shows_it(
     tracker: FusionTracker, motion: ToldMotion, in_flight: bool
 ) -> None:

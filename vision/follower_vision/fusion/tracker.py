@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -103,9 +103,9 @@ class FusionTracker:
 
     A track's confidence is P(IoU > 0.5), and its state follows from it. Its box is the mean of the
     candidates that agree with the chosen one, see `agreed_box`; where control foretells the target,
-    the chosen one's own. `produced_by` is the chosen one's source ("peak", "detection", "mean"), or
-    why the target was not observed: "prediction", "frozen", "blank", or "ambiguous": what looks
-    like it may be a known look-alike.
+    the chosen one's own. `produced_by` is that one's source ("peak", "detection", "mean"), or why
+    the target was not observed: "prediction", "frozen", "blank", or "ambiguous": what looks like it
+    may be a known look-alike.
 
     Args:
         motion: searches each frame.
@@ -321,11 +321,9 @@ class FusionTracker:
         if candidates[chosen].source == PREDICTION:
             target.coast(PREDICTION)
         else:
-            winner = candidates[chosen]
-            if target.foreseen is None:  # the model for flights was fitted to what was chosen alone
-                agreed = agreed_box(boxes[:-1], probabilities[:-1].sum(axis=1), chosen)
-                winner = replace(winner, box=agreed)
-            target.observe(winner, probability)
+            target.observe(candidates[chosen], probability)
+            if target.foreseen is None:  # in flights ranges are set by the chosen one's size
+                target.reported = agreed_box(boxes[:-1], probabilities[:-1].sum(axis=1), chosen)
         rivalled = (alone[:-1, 1] >= SEEN) & (probabilities[:-1, 1] < SEEN)
         if target.state is not TrackState.TRACKING and rivalled.any():
             target.doubt(AMBIGUOUS)
