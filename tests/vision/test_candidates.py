@@ -134,6 +134,7 @@ def test_the_less_likely_a_box_is_the_less_it_has_a_say() -> None:
     boxes = [Box(100, 100, 20, 40), Box(104, 98, 30, 50)]
     widths = [agreed_box(boxes, np.array([2.0, merit]), 0).width for merit in (2.0, 1.0, 0.0)]
     assert widths[0] > widths[1] > widths[2] == pytest.approx(20)
+    assert agreed_box(boxes, np.zeros(2), 0).width == pytest.approx((20 * 30) ** 0.5)
 
 
 @settings(max_examples=100)

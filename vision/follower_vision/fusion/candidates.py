@@ -35,6 +35,8 @@ _REMEMBERED_RATIOS = 20.0
 _AGREED_IOU = 0.3
 _AGREED_POWER = 4
 """Between a mean of all that agree (0) and the chosen box alone; 2 to 6 do the same."""
+_LEAST_MERIT = 1e-9
+"""Where nothing is believed at all, there is still a mean."""
 
 Floats = npt.NDArray[np.floating]
 
@@ -115,12 +117,12 @@ def agreed_box(boxes: list[Box], merit: Floats, chosen: int) -> Box:
 
     Args:
         boxes: N, in pixels.
-        merit: (N,) how good each is, above 0 for the chosen one.
+        merit: (N,) how good each is, from 0 on.
         chosen: index of the one that was taken.
     """
     corners = corners_of(boxes)
     agree = pairwise_iou(corners[chosen : chosen + 1], corners)[0] >= _AGREED_IOU
-    weights = agree * (merit / merit[chosen]) ** _AGREED_POWER
+    weights = agree * (merit + _LEAST_MERIT) ** _AGREED_POWER
     axes = np.array([axes_of(box) for box in boxes])
     cx, cy, wide, tall = (weights @ axes / weights.sum()).tolist()
     return Box(cx, cy, math.exp(wide), math.exp(tall))
