@@ -101,11 +101,7 @@ def _mean(found: list[Candidate], detected: list[Candidate]) -> list[Candidate]:
     nearest = max(detected, key=lambda one: first.iou(one.box), default=None)
     if nearest is None or first.iou(nearest.box) < _SAME_IOU:
         return []
-    other = nearest.box
-    width, height = math.sqrt(first.width * other.width), math.sqrt(first.height * other.height)
-    return [
-        Candidate(Box((first.cx + other.cx) / 2, (first.cy + other.cy) / 2, width, height), MEAN)
-    ]
+    return [Candidate(_mean_box([first, nearest.box], np.ones(2)), MEAN)]
 
 
 def agreed_box(boxes: list[Box], merit: Floats, chosen: int) -> Box:
@@ -123,6 +119,10 @@ def agreed_box(boxes: list[Box], merit: Floats, chosen: int) -> Box:
     corners = corners_of(boxes)
     agree = pairwise_iou(corners[chosen : chosen + 1], corners)[0] >= _AGREED_IOU
     weights = agree * (merit + _LEAST_MERIT) ** _AGREED_POWER
+    return _mean_box(boxes, weights)
+
+
+def _mean_box(boxes: list[Box], weights: Floats) -> Box:
     axes = np.array([axes_of(box) for box in boxes])
     cx, cy, wide, tall = (weights @ axes / weights.sum()).tolist()
     return Box(cx, cy, math.exp(wide), math.exp(tall))
