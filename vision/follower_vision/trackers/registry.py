@@ -13,6 +13,7 @@ from follower_vision.trackers.nanotrack import (
     SIAMESE_SETTINGS,
     NanoTracker,
     NanoTrackNetwork,
+    NanoTrackSettings,
 )
 from follower_vision.trackers.opencv import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
 from follower_vision.trackers.plugin_tracker import TRACKER_PLUGINS, guarded
@@ -26,15 +27,15 @@ _NETWORK = ".onnx"
 _BACKBONE, _HEAD = "_backbone.onnx", "_head.onnx"
 
 
-def _nanotrack(version: int, find_file: FindFile, device: str) -> NanoTracker:
-    name = f"nanotrack-v{version}"
+def _nanotrack(
+    name: str, settings: NanoTrackSettings, find_file: FindFile, device: str
+) -> NanoTracker:
     backbone, head = network_files(name, find_file)
-    return NanoTracker(NanoTrackNetwork(backbone, head, device), NANOTRACK_SETTINGS[version], name)
+    stem = head.name.removesuffix(_HEAD) if name.endswith(_HEAD) else name
+    return NanoTracker(NanoTrackNetwork(backbone, head, device), settings, stem)
 
 
-def _siamese(find_file: FindFile, device: str) -> NanoTracker:
-    backbone, head = network_files("siamese", find_file)
-    return NanoTracker(NanoTrackNetwork(backbone, head, device), SIAMESE_SETTINGS, "siamese")
+_siamese = partial(_nanotrack, "siamese", SIAMESE_SETTINGS)
 
 
 def _joined(find_file: FindFile, device: str) -> JoinedTracker:
@@ -54,12 +55,14 @@ TRACKERS: dict[str, Callable[[FindFile, str], MotionTracker]] = {
     "correlation": lambda _file, _device: CorrelationTracker(),
     "siamese": _siamese,
     "siamese-correlation": _joined,
-    **{f"nanotrack-v{number}": partial(_nanotrack, number) for number in NANOTRACK_SETTINGS},
+    **{
+        f"nanotrack-v{number}": partial(_nanotrack, f"nanotrack-v{number}", settings)
+        for number, settings in NANOTRACK_SETTINGS.items()
+    },
     "re3": _re3,
     **{name: partial(_opencv, name) for name in OPENCV_KINDS},
 }
 """How each is made; trackers that have no network ask for no file. Plug-ins come beside them."""
-
 
 _FILES: dict[str, tuple[str, ...]] = {
     **{
@@ -129,9 +132,7 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
         PluginError: another package's tracker cannot be used.
     """
     if name.endswith(_HEAD):
-        backbone, head = network_files(name, find_file)
-        network, stem = NanoTrackNetwork(backbone, head, device), head.name.removesuffix(_HEAD)
-        return NanoTracker(network, SIAMESE_SETTINGS, stem)
+        return _nanotrack(name, SIAMESE_SETTINGS, find_file, device)
     if name.endswith(_NETWORK):
         return Re3Tracker(Re3Network(path_of(name), device), name=Path(name).stem)
     if name in TRACKERS:
